@@ -1,0 +1,2 @@
+//! The `lookout` program.
+fn main() {}

@@ -1,0 +1,3 @@
+//! The shell: everything that needs an operating system (level 8).
+
+pub mod source;
