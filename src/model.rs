@@ -1,25 +1,170 @@
-//! The model file: one checked, zero-copy view of bytes.
+//! The model file: one checked, zero-copy view of bytes (level 5).
+//!
+//! Little-endian. `LOOKOUT\0`, format version (`u16`), two bytes of 0, length of the file (`u32`), CRC-32 of all that
+//! follows (ISO-HDLC, `u32`), the geometry that the trees were trained on (8 bytes), the lengths of the sections
+//! (`u32` each), the sections. What the reader was not built for is refused, never guessed.
 
-/// A checked model.
-#[derive(Debug, Clone, Copy)]
-pub struct Model<'m> {
-    bytes: &'m [u8],
+use crate::channels::MAP_CHANNELS;
+use crate::cube::{SLICES, WINDOW};
+use crate::feature::Features;
+use crate::gradient::{CELL, ORIENTATIONS};
+use crate::motion::Regressors;
+use crate::scan;
+use crate::trees::{Forest, ForestError};
+
+/// First bytes of a model file.
+pub const MAGIC: [u8; 8] = *b"LOOKOUT\0";
+
+/// Format version that this reader reads.
+pub const VERSION: u16 = 1;
+
+/// Sections in the order of the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Section {
+    /// UTF-8 text: where the model comes from.
+    Provenance,
+    /// Trees of the scan.
+    Scan,
+    /// Features of a patch for φ_h and φ_v.
+    PatchFeatures,
+    /// φ_h.
+    Horizontal,
+    /// φ_v.
+    Vertical,
+    /// Features of a cube for the trees below.
+    CubeFeatures,
+    /// The classifier of cubes.
+    Cube,
+    /// Centre of the box, horizontally.
+    BoxX,
+    /// Centre of the box, vertically.
+    BoxY,
+    /// Width of the box.
+    BoxWidth,
+    /// Height of the box.
+    BoxHeight,
 }
+
+impl Section {
+    /// All sections in the order of the file.
+    pub const ALL: [Self; 11] = [
+        Self::Provenance,
+        Self::Scan,
+        Self::PatchFeatures,
+        Self::Horizontal,
+        Self::Vertical,
+        Self::CubeFeatures,
+        Self::Cube,
+        Self::BoxX,
+        Self::BoxY,
+        Self::BoxWidth,
+        Self::BoxHeight,
+    ];
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Provenance => "provenance",
+            Self::Scan => "scan trees",
+            Self::PatchFeatures => "patch features",
+            Self::Horizontal => "horizontal regressor",
+            Self::Vertical => "vertical regressor",
+            Self::CubeFeatures => "cube features",
+            Self::Cube => "cube classifier",
+            Self::BoxX => "box x regressor",
+            Self::BoxY => "box y regressor",
+            Self::BoxWidth => "box width regressor",
+            Self::BoxHeight => "box height regressor",
+        }
+    }
+}
+
+/// Bytes before the sections.
+pub const HEADER: usize = 28 + 4 * Section::ALL.len();
+
+/// What the trees depend on, as the file states it: window, cell, orientations, slices, channels of the map, 0, 0, 0.
+pub const GEOMETRY: [u8; 8] =
+    [WINDOW as u8, CELL as u8, ORIENTATIONS as u8, SLICES as u8, MAP_CHANNELS as u8, 0, 0, 0];
 
 /// Why bytes are not a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ModelError {
     /// The first bytes are not those of a model file.
     NotAModel,
+    /// The file is of another format version.
+    Version {
+        /// Version of the file.
+        found: u16,
+    },
+    /// The file ends too early or has bytes behind its end.
+    Length {
+        /// Bytes that it should have.
+        expected: usize,
+        /// Bytes that it has.
+        found: usize,
+    },
+    /// The bytes were changed since they were written.
+    Checksum,
+    /// The trees were trained for other windows, cells or channels.
+    Geometry,
+    /// The trees of a section are not valid.
+    Trees {
+        /// The section.
+        section: Section,
+        /// What is wrong with them.
+        error: ForestError,
+    },
+    /// A section's content is not valid.
+    Content {
+        /// The section.
+        section: Section,
+    },
 }
 
 impl core::fmt::Display for ModelError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("not a Lookout model")
+        match self {
+            Self::NotAModel => f.write_str("not a Lookout model (no LOOKOUT mark at its start)"),
+            Self::Version { found } => write!(
+                f,
+                "model format {found}, this program reads format {VERSION}: train anew or take a matching release"
+            ),
+            Self::Length { expected, found } => {
+                write!(f, "the model has {found} bytes instead of {expected}: cut off or badly copied")
+            }
+            Self::Checksum => f.write_str("the model's checksum is wrong: a damaged copy"),
+            Self::Geometry => {
+                f.write_str("the model was trained for other windows or channels than this program's")
+            }
+            Self::Trees { section, error } => write!(f, "the model's {}: {error}", section.name()),
+            Self::Content { section } => write!(f, "the model's {} are not valid", section.name()),
+        }
     }
 }
 
 impl core::error::Error for ModelError {}
+
+/// A checked model: evaluating it cannot fail.
+#[derive(Debug, Clone, Copy)]
+pub struct Model<'m> {
+    bytes: &'m [u8],
+    provenance: &'m str,
+    scan: Forest<'m>,
+    regressors: Regressors<'m>,
+    features: Features<'m>,
+    cube: Forest<'m>,
+    boxes: [Forest<'m>; 4],
+}
+
+/// CRC-32 of a model's bytes behind its checksum.
+pub fn checksum(bytes: &[u8]) -> u32 {
+    crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(bytes)
+}
+
+fn word(bytes: &[u8], at: usize) -> usize {
+    let mut word = [0; 4];
+    word.copy_from_slice(&bytes[at..at + 4]);
+    u32::from_le_bytes(word) as usize
+}
 
 impl<'m> Model<'m> {
     /// Checks `bytes` once; afterwards evaluation cannot fail.
@@ -27,11 +172,109 @@ impl<'m> Model<'m> {
     /// # Errors
     /// [`ModelError`] with the reason.
     pub fn parse(bytes: &'m [u8]) -> Result<Self, ModelError> {
-        Ok(Self { bytes })
+        if bytes.len() < 10 || bytes[..8] != MAGIC {
+            return Err(ModelError::NotAModel);
+        }
+        let version = u16::from_le_bytes([bytes[8], bytes[9]]);
+        if version != VERSION {
+            return Err(ModelError::Version { found: version });
+        }
+        let found = bytes.len();
+        if found < HEADER {
+            return Err(ModelError::Length { expected: HEADER, found });
+        }
+        let expected = word(bytes, 12);
+        if found != expected {
+            return Err(ModelError::Length { expected, found });
+        }
+        if word(bytes, 16) as u32 != checksum(&bytes[20..]) {
+            return Err(ModelError::Checksum);
+        }
+        if bytes[20..28] != GEOMETRY {
+            return Err(ModelError::Geometry);
+        }
+        let mut sections = [&[][..]; Section::ALL.len()];
+        let mut rest = &bytes[HEADER..];
+        for (i, section) in sections.iter_mut().enumerate() {
+            let length = word(bytes, 28 + 4 * i);
+            let Some((head, tail)) = rest.split_at_checked(length) else {
+                return Err(ModelError::Length { expected: found + length - rest.len(), found });
+            };
+            (*section, rest) = (head, tail);
+        }
+        if !rest.is_empty() {
+            return Err(ModelError::Length { expected: found - rest.len(), found });
+        }
+        let section = |section: Section| sections[section as usize];
+        let features = |of: Section| {
+            Features::parse(section(of)).ok_or(ModelError::Content { section: of })
+        };
+        let forest = |of: Section, features: usize| {
+            let (forest, rest) = Forest::parse(section(of))
+                .map_err(|error| ModelError::Trees { section: of, error })?;
+            let valid = rest.is_empty() && usize::from(forest.features()) <= features;
+            if valid { Ok(forest) } else { Err(ModelError::Content { section: of }) }
+        };
+        let provenance = core::str::from_utf8(section(Section::Provenance))
+            .map_err(|_| ModelError::Content { section: Section::Provenance })?;
+        let scan = forest(Section::Scan, usize::from(scan::FEATURES))?;
+        if !scan.trees().flat_map(|tree| tree.nodes()).all(|node| scan::is_feature(node.feature)) {
+            return Err(ModelError::Content { section: Section::Scan });
+        }
+        let patch = features(Section::PatchFeatures)?;
+        if !patch.of_patch_only() {
+            return Err(ModelError::Content { section: Section::PatchFeatures });
+        }
+        let regressors = Regressors {
+            features: patch,
+            horizontal: forest(Section::Horizontal, patch.len())?,
+            vertical: forest(Section::Vertical, patch.len())?,
+        };
+        let features = features(Section::CubeFeatures)?;
+        let count = features.len();
+        let boxes = [
+            forest(Section::BoxX, count)?,
+            forest(Section::BoxY, count)?,
+            forest(Section::BoxWidth, count)?,
+            forest(Section::BoxHeight, count)?,
+        ];
+        let cube = forest(Section::Cube, count)?;
+        Ok(Self { bytes, provenance, scan, regressors, features, cube, boxes })
     }
 
-    /// The model's bytes.
+    /// The file's bytes.
     pub fn bytes(&self) -> &'m [u8] {
         self.bytes
+    }
+
+    /// Where the model comes from, as its trainer wrote it (JSON).
+    pub fn provenance(&self) -> &'m str {
+        self.provenance
+    }
+
+    /// The scan's soft cascade, over the features of [`crate::scan`].
+    pub fn scan(&self) -> &Forest<'m> {
+        &self.scan
+    }
+
+    /// φ_h and φ_v.
+    pub fn regressors(&self) -> &Regressors<'m> {
+        &self.regressors
+    }
+
+    /// Features of a cube.
+    pub fn features(&self) -> &Features<'m> {
+        &self.features
+    }
+
+    /// The classifier of cubes, over [`Model::features`].
+    pub fn cube(&self) -> &Forest<'m> {
+        &self.cube
+    }
+
+    /// Regressors of the box over [`Model::features`]: centre right of and below the window's in Q8 cells, binary
+    /// logarithms of width and height over the nominal target's in Q8.
+    pub fn boxes(&self) -> &[Forest<'m>; 4] {
+        &self.boxes
     }
 }

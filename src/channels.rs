@@ -1,0 +1,213 @@
+//! Channels of one pyramid level: integral gradient images and the scan's map (level 2).
+//!
+//! Of every frame a table of eight channels is kept: [`ORIENTATIONS`] gradient energies, their magnitude and the
+//! temporal difference. Of the newest frame alone there are a second table (intensity and the other differences) and a
+//! map of [`MAP_CHANNELS`] normalised bytes a cell, in which the scan looks up single values.
+
+use crate::gradient::{CELL, CellRow, ORIENTATIONS};
+use crate::image::Image;
+use crate::integral::{self, Builder, Integral};
+
+/// Difference images beside the grey one: tolerant to the last frame, tolerant and plain to the oldest of the ring.
+pub const DIFFERENCES: usize = 3;
+
+/// Channel of the gradient magnitude in the first table.
+pub const MAGNITUDE: usize = ORIENTATIONS;
+
+/// Channel of the temporal difference in the first table.
+pub const TEMPORAL: usize = ORIENTATIONS + 1;
+
+/// Bytes of the scan's map for one cell.
+pub const MAP_CHANNELS: usize = 16;
+
+/// Cells of the map around the picture, so that windows may hang over its edge.
+pub const PADDING: usize = 3;
+
+/// Half the side of the square over which the map is normalised, in cells.
+const REACH: i32 = 5;
+
+/// Cells in that square.
+const AREA: u32 = (2 * REACH as u32 + 1) * (2 * REACH as u32 + 1);
+
+/// Map values of a cell outside the picture: nothing there, intensity that of its surroundings.
+const OUTSIDE: [u8; MAP_CHANNELS] = [0, 0, 0, 0, 0, 0, 0, 0, 128, 128, 0, 0, 0, 0, 0, 0];
+
+/// `8 * sqrt(i)`: compresses ratios so that small ones keep their resolution.
+static ROOT: [u8; 1024] = {
+    let mut table = [0; 1024];
+    let mut root = 0u32;
+    let mut i = 0;
+    while i < 1024 {
+        while (root + 1) * (root + 1) <= 64 * i {
+            root += 1;
+        }
+        table[i as usize] = if root > 255 { 255 } else { root as u8 };
+        i += 1;
+    }
+    table
+};
+
+/// Words of a level's table over `width` x `height` pixels of the level.
+pub const fn table_words(width: usize, height: usize) -> usize {
+    integral::words(width / CELL, height / CELL)
+}
+
+/// Bytes of a level's map over `width` x `height` pixels of the level.
+pub const fn map_bytes(width: usize, height: usize) -> usize {
+    (width / CELL + 2 * PADDING) * (height / CELL + 2 * PADDING) * MAP_CHANNELS
+}
+
+/// Writes the tables of a level: `grey` and its `differences` give `table` (energies, magnitude, tolerant difference to
+/// the oldest frame) and `newest` (intensity, then the differences in quarters of a grey level, at most 255). All
+/// pictures of one size; slices of [`table_words`]. Panics if one is smaller.
+pub fn tables(
+    grey: &Image<'_>,
+    differences: &[Image<'_>; DIFFERENCES],
+    table: &mut [u16],
+    newest: &mut [u16],
+) {
+    let (columns, rows) = (grey.width() / CELL, grey.height() / CELL);
+    let mut table = Builder::new(table, columns);
+    let mut newest = Builder::new(newest, columns);
+    for row in 0..rows {
+        let pixels = CellRow::new(grey, row);
+        let differences = differences.map(|d| CellRow::new(&d, row));
+        // The mean of four pixels in quarters of a grey level is their sum.
+        let quarters = |i: usize, x| differences[i].sum(x).min(255) as u8;
+        table.push_row(|x| {
+            let [a, b, c, d, e, f, magnitude] = pixels.energies(x);
+            [a, b, c, d, e, f, magnitude, quarters(1, x)]
+        });
+        newest.push_row(|x| {
+            let grey = ((pixels.sum(x) + 2) >> 2) as u8;
+            [grey, quarters(0, x), quarters(1, x), quarters(2, x), 0, 0, 0, 0]
+        });
+    }
+}
+
+/// Noise of the differences of a whole frame: the mean of each over its calmer cells, Q4. Scales the map's temporal
+/// channels, so that wind in the trees or a badly measured camera motion do not look like targets everywhere.
+pub fn noise(newest: &Integral<'_>) -> [u32; DIFFERENCES] {
+    // Means of 8x8-cell blocks; the mean of those below twice the mean of all is robust against targets.
+    const BLOCK: i32 = 8;
+    let (columns, rows) = (newest.width() as i32 / BLOCK, newest.height() as i32 / BLOCK);
+    let blocks = || (0..rows).flat_map(move |y| (0..columns).map(move |x| (x, y)));
+    let sum_at =
+        |i: usize, x, y| u32::from(newest.box_sum(x * BLOCK, y * BLOCK, BLOCK, BLOCK)[i + 1]);
+    core::array::from_fn(|i| {
+        let count = (columns * rows).max(1) as u64;
+        let all: u64 = blocks().map(|(x, y)| u64::from(sum_at(i, x, y))).sum();
+        let (mut calm, mut number) = (0u64, 0u64);
+        for (x, y) in blocks() {
+            let sum = u64::from(sum_at(i, x, y));
+            if sum * count <= 2 * all {
+                calm += sum;
+                number += 1;
+            }
+        }
+        (calm / (4 * number.max(1))) as u32
+    })
+}
+
+/// Writes the scan's map of a level from its tables; `noise` as [`noise`] gives it, the same for all levels.
+///
+/// Channels: 0..6 orientations and 6 magnitude against the mean magnitude around; 7 magnitude; 8 intensity against the
+/// mean around, relative to the magnitude around (128: equal); 9 the same in grey levels; 10..13 the differences
+/// against the frame's noise; 13 and 15 two of them against their mean around; 14 the plain one against the magnitude.
+pub fn map(
+    table: &Integral<'_>,
+    newest: &Integral<'_>,
+    noise: &[u32; DIFFERENCES],
+    map: &mut [u8],
+) {
+    let (columns, rows) = (table.width(), table.height());
+    let stride = columns + 2 * PADDING;
+    let (cells, _) = map.as_chunks_mut::<MAP_CHANNELS>();
+    let cells = &mut cells[..stride * (rows + 2 * PADDING)];
+    cells[..PADDING * stride].fill(OUTSIDE);
+    cells[(PADDING + rows) * stride..].fill(OUTSIDE);
+    // Q16 reciprocals of the noise (Q4 quarters) with a floor of half a grey level.
+    let calm = noise.map(|n| 65536 / (n + 32));
+    let root = |v: u32| ROOT[v.min(1023) as usize];
+    for y in 0..rows {
+        let row = &mut cells[(PADDING + y) * stride..(PADDING + y + 1) * stride];
+        row[..PADDING].fill(OUTSIDE);
+        row[PADDING + columns..].fill(OUTSIDE);
+        for (x, out) in row[PADDING..PADDING + columns].iter_mut().enumerate() {
+            let (cx, cy) = (x as i32, y as i32);
+            let (left, top, side) = (cx - REACH, cy - REACH, 2 * REACH + 1);
+            let around = table.box_sum(left, top, side, side).map(u32::from);
+            let fresh_around = newest.box_sum(left, top, side, side).map(u32::from);
+            let cell = table.box_sum(cx, cy, 1, 1).map(u32::from);
+            let fresh = newest.box_sum(cx, cy, 1, 1).map(u32::from);
+            // Cells of the square that lie in the picture.
+            let across = (cx + REACH + 1).min(columns as i32) - left.max(0);
+            let down = (cy + REACH + 1).min(rows as i32) - top.max(0);
+            let inside = (across * down) as u32;
+            // Ratios in Q6 to the mean around, which gets a floor of 2 grey levels (4 half levels of energy).
+            let scale = 65536 * 16 / (around[MAGNITUDE] + 4 * AREA);
+            let ratio = |v: u32| (v * AREA * scale) >> 14;
+            for o in 0..ORIENTATIONS {
+                out[o] = root(ratio(cell[o]));
+            }
+            out[6] = root(ratio(cell[MAGNITUDE]));
+            out[7] = root(cell[MAGNITUDE] * 4);
+            let mean = (fresh_around[0] * 4 + inside / 2) / inside;
+            let above = (fresh[0] * 4) as i32 - mean as i32;
+            out[8] = (128 + ((above * (AREA * scale) as i32) >> 18)).clamp(0, 255) as u8;
+            out[9] = (128 + (above >> 1)).clamp(0, 255) as u8;
+            for i in 0..DIFFERENCES {
+                out[10 + i] = root((fresh[i + 1] * 16 * calm[i]) >> 11);
+            }
+            let local =
+                |i: usize| root(fresh[i + 1] * 64 * AREA / (fresh_around[i + 1] + 4 * AREA));
+            out[13] = local(1);
+            out[15] = local(0);
+            out[14] = root(fresh[3] * 64 / (cell[MAGNITUDE] + 8));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec;
+
+    #[test]
+    fn a_dot_stands_out_and_padding_is_neutral() {
+        let (width, height) = (64usize, 48usize);
+        let mut pixels = vec![100u8; width * height];
+        let still = vec![0u8; width * height];
+        let mut moved = still.clone();
+        for y in 20..24 {
+            for x in 30..34 {
+                pixels[y * width + x] = 40;
+                moved[y * width + x] = 80;
+            }
+        }
+        let view = |p| Image::packed(p, width, height).unwrap();
+        let mut table = vec![0; table_words(width, height)];
+        let mut newest = table.clone();
+        tables(
+            &view(&pixels),
+            &[view(&still), view(&moved), view(&moved)],
+            &mut table,
+            &mut newest,
+        );
+        let (table, newest) = (
+            Integral::new(&table, width / 2, height / 2),
+            Integral::new(&newest, width / 2, height / 2),
+        );
+        let mut out = vec![0; map_bytes(width, height)];
+        map(&table, &newest, &noise(&newest), &mut out);
+        let (cells, rest) = out.as_chunks::<MAP_CHANNELS>();
+        assert!(rest.is_empty());
+        let stride = width / 2 + 2 * PADDING;
+        let at = |x: usize, y: usize| cells[(y + PADDING) * stride + x + PADDING];
+        assert_eq!(cells[0], OUTSIDE);
+        assert_eq!(at(3, 3), OUTSIDE);
+        let dot = at(15, 10);
+        assert!(dot[6] > 100 && dot[8] < 100 && dot[9] == 68 + 1 && dot[11] > 200, "{dot:?}");
+        assert_eq!(dot[10], 0);
+    }
+}

@@ -1,0 +1,60 @@
+//! Greedy non-maximum suppression (level 1).
+
+use crate::image::Rect;
+
+/// Keeps of `items`, which come best first, those whose box overlaps none of the kept ones by more than
+/// `overlap` (intersection over union, Q8). Order stays. At most `most` are kept; returns how many more there
+/// would have been.
+pub fn suppress<T, const N: usize>(
+    items: &mut heapless::Vec<T, N>,
+    rect: impl Fn(&T) -> Rect,
+    overlap: u8,
+    most: usize,
+) -> u32 {
+    let (mut kept, mut dropped) = (0, 0);
+    for i in 0..items.len() {
+        let candidate = rect(&items[i]);
+        if items[..kept].iter().any(|other| rect(other).overlaps(&candidate, overlap)) {
+            continue;
+        }
+        if kept < most {
+            items.swap(kept, i);
+            kept += 1;
+        } else {
+            dropped += 1;
+        }
+    }
+    items.truncate(kept);
+    dropped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fixed::types::I28F4;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    fn square(x: i32, y: i32, side: i32) -> Rect {
+        let [x, y, width, height] = [x, y, side, side].map(I28F4::from_num::<i32>);
+        Rect { x, y, width, height }
+    }
+
+    proptest! {
+        #[test]
+        fn agrees_with_naive(boxes in prop::collection::vec((0..60i32, 0..60i32, 4..30i32), 0..40), most in 0..40usize) {
+            let boxes: Vec<Rect> = boxes.into_iter().map(|(x, y, s)| square(x, y, s)).collect();
+            let mut naive: Vec<Rect> = Vec::new();
+            for candidate in &boxes {
+                if naive.iter().take(most).all(|k| !k.overlaps(candidate, 128)) {
+                    naive.push(*candidate);
+                }
+            }
+            let mut fast: heapless::Vec<Rect, 40> = boxes.iter().copied().collect();
+            let dropped = suppress(&mut fast, |r| *r, 128, most);
+            prop_assert_eq!(dropped as usize, naive.len().saturating_sub(most));
+            naive.truncate(most);
+            prop_assert_eq!(fast.as_slice(), naive.as_slice());
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! The scan in front of the st-cubes: a soft cascade over every window of every level (level 6).
+//!
+//! Each weak learner is a small tree over single values of the level's map (Dollar et al. 2014, aggregate channel
+//! features), with a rejection threshold after each tree (Bourdev & Brandt 2005). Map and thresholds are bytes.
+
+use crate::channels::{MAP_CHANNELS, PADDING};
+use crate::cube::WINDOW;
+use crate::trees::Forest;
+
+/// A window that the scan kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Candidate {
+    /// Number of the level.
+    pub level: u8,
+    /// Left edge in cells of the level.
+    pub x: i16,
+    /// Upper edge in cells of the level.
+    pub y: i16,
+    /// Score of the cascade.
+    pub score: i32,
+}
+
+/// Feature numbers of the scan's trees: `row << 8 | column << 4 | channel`, row and column in cells of the window.
+pub const FEATURES: u16 = (WINDOW as u16) << 8;
+
+/// Whether a feature number names a value of the window's map.
+pub const fn is_feature(number: u16) -> bool {
+    number < FEATURES && ((number >> 4) & 15) < WINDOW as u16
+}
+
+/// The map of a level as the scan reads it.
+#[derive(Debug, Clone, Copy)]
+pub struct Map<'a> {
+    bytes: &'a [u8],
+    stride: usize,
+    /// Positions of windows in a row and in a column.
+    windows: (usize, usize),
+}
+
+impl<'a> Map<'a> {
+    /// The map in `bytes` of a level of `columns` x `rows` cells. Panics if there are fewer bytes than that needs.
+    pub fn new(bytes: &'a [u8], columns: usize, rows: usize) -> Self {
+        let (width, height) = (columns + 2 * PADDING, rows + 2 * PADDING);
+        let windows = ((width + 1).saturating_sub(WINDOW), (height + 1).saturating_sub(WINDOW));
+        Self { bytes: &bytes[..width * height * MAP_CHANNELS], stride: width * MAP_CHANNELS, windows }
+    }
+
+    /// Windows to look at.
+    pub fn window_count(&self) -> u32 {
+        (self.windows.0 * self.windows.1) as u32
+    }
+
+    /// The window whose upper left cell is (x, y) of the level; cells count from the picture's corner, windows may
+    /// hang over by [`PADDING`].
+    fn window(&self, column: usize, row: usize) -> &'a [u8] {
+        let start = row * self.stride + column * MAP_CHANNELS;
+        &self.bytes[start..start + (WINDOW - 1) * self.stride + WINDOW * MAP_CHANNELS]
+    }
+
+    /// Values of all features of the window at (x, y) in cells of the level, in the order of their numbers without
+    /// gaps: row, column, channel. Panics if the window is not one of the scan's.
+    pub fn values(&self, x: i16, y: i16) -> [u8; WINDOW * WINDOW * MAP_CHANNELS] {
+        let place = |v: i16| (i32::from(v) + PADDING as i32) as usize;
+        let window = self.window(place(x), place(y));
+        core::array::from_fn(|i| {
+            let (row, rest) = (i / (WINDOW * MAP_CHANNELS), i % (WINDOW * MAP_CHANNELS));
+            window[row * self.stride + rest]
+        })
+    }
+
+    /// Runs `cascade` over all windows; `found` gets each window that it does not reject.
+    pub fn scan(&self, level: u8, cascade: &Forest<'_>, mut found: impl FnMut(Candidate)) {
+        for row in 0..self.windows.1 {
+            for column in 0..self.windows.0 {
+                let window = self.window(column, row);
+                let test = |feature: u16, threshold: u16| {
+                    let at = usize::from(feature >> 8) * self.stride + usize::from(feature & 255);
+                    u16::from(window[at]) > threshold
+                };
+                if let Some(score) = cascade.cascade(test) {
+                    let place = |v: usize| v as i16 - PADDING as i16;
+                    found(Candidate { level, x: place(column), y: place(row), score });
+                }
+            }
+        }
+    }
+}
