@@ -9,3 +9,4 @@ pub mod image;
 pub mod model;
 #[cfg(feature = "std")]
 pub mod shell;
+pub mod trees;
