@@ -14,3 +14,4 @@ pub mod integral;
 pub mod model;
 #[cfg(feature = "std")]
 pub mod shell;
+pub mod trees;
