@@ -1,15 +1,32 @@
 //! The detector: frames in, detections out (level 7).
 
+use crate::cube::Cube;
+use crate::fixed::exp2_q16;
+use crate::front::{FrontEnd, Parts};
+use crate::gradient::CELL;
 use crate::image::{Image, Rect};
+use crate::levels::{Geometry, LevelBuffers, Pyramid};
 use crate::model::Model;
-use core::marker::PhantomData;
+use crate::motion::{self, Path, Position};
+use crate::nms;
+use crate::scan::{Candidate, Map};
+use core::cmp::Reverse;
 use fixed::types::I28F4;
+use heapless::binary_heap::{BinaryHeap, Min};
 
-/// Frames in a st-cube, s_t of the paper.
-pub const SLICES: usize = 4;
+pub use crate::cube::SLICES;
 
 /// Most detections of one frame.
 pub const MAX_DETECTIONS: usize = 64;
+
+/// Most windows of one level that the scan hands on: the best ones.
+pub const MAX_CANDIDATES: usize = 256;
+
+/// Overlap (IoU, Q8) above which the weaker of two windows of the scan goes.
+const CANDIDATE_OVERLAP: u8 = 128;
+
+/// Overlap (IoU, Q8) above which the weaker of two detections goes.
+const DETECTION_OVERLAP: u8 = 64;
 
 /// What the detector is to look for, and with which parts. `const`-constructible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,8 +41,14 @@ pub struct Config {
     pub max_target: usize,
     /// Detections below this score are not reported (units of `Detection::score`).
     pub threshold: i32,
+    /// Levels of the pyramid for each doubling of the target's size, 1 to 4.
+    pub scales_per_octave: usize,
+    /// Windows of the scan that are judged by their st-cube, the best ones; at most [`MAX_CANDIDATES`].
+    pub candidates: usize,
     /// Align older frames to the newest one before looking for motion.
     pub registration: bool,
+    /// Look at temporal differences.
+    pub temporal: bool,
     /// Algorithm 1: keep the object in the middle of every slice.
     pub compensation: bool,
     /// Judge candidates by their st-cube; without it the scan's own score stands.
@@ -39,9 +62,12 @@ impl Config {
             width,
             height,
             min_target: 10,
-            max_target: 160,
-            threshold: 0,
+            max_target: 240,
+            threshold: i32::MIN,
+            scales_per_octave: 2,
+            candidates: 48,
             registration: true,
+            temporal: true,
             compensation: true,
             stcube: true,
         }
@@ -49,12 +75,29 @@ impl Config {
 
     /// Bytes that [`Buffers::bytes`] must have.
     pub const fn bytes_len(&self) -> usize {
-        0
+        FrontEnd::bytes_len(self.width, self.height, &self.geometry())
     }
 
     /// Words that [`Buffers::words`] must have.
     pub const fn words_len(&self) -> usize {
-        0
+        FrontEnd::words_len(&self.geometry())
+    }
+
+    /// The levels that are searched.
+    pub const fn geometry(&self) -> Geometry {
+        Geometry::new(
+            self.width,
+            self.height,
+            self.min_target,
+            self.max_target,
+            self.scales_per_octave,
+        )
+    }
+
+    /// The front end for this configuration.
+    pub const fn front(&self) -> FrontEnd {
+        let parts = Parts { registration: self.registration, temporal: self.temporal };
+        FrontEnd::new(self.width, self.height, self.geometry(), parts)
     }
 }
 
@@ -111,7 +154,7 @@ pub struct Shift {
 pub struct Detection {
     /// Its box in the frame.
     pub rect: Rect,
-    /// How sure the detector is: Q16, larger is surer; any sign.
+    /// How sure the detector is: log-odds in Q8, larger is surer; any sign.
     pub score: i32,
     /// Where the object's centre was 1, 2, .. frames ago, relative to its centre now.
     pub shifts: [Shift; SLICES - 1],
@@ -164,12 +207,53 @@ pub struct Detections {
     pub registered: bool,
 }
 
+/// Best windows of one level.
+type Kept = BinaryHeap<(i32, Reverse<(i16, i16)>), Min, MAX_CANDIDATES>;
+
+/// Windows of all levels.
+type Candidates = heapless::Vec<Candidate, { 4 * MAX_CANDIDATES }>;
+
 /// Finds flying objects in the frames of one camera.
 #[derive(Debug)]
 pub struct Detector<'m, 'b> {
+    model: Model<'m>,
     config: Config,
+    front: FrontEnd,
     buffers: Buffers<'b>,
-    model: PhantomData<&'m ()>,
+}
+
+/// Runs `work` on every searched level, in parallel with the feature `rayon`.
+fn each_level<'a>(pyramid: &mut Pyramid<'a>, work: impl Fn(&mut LevelBuffers<'a>) + Send + Sync) {
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        if rayon::current_num_threads() > 1 {
+            let levels = pyramid.as_mut_slice().par_iter_mut().with_max_len(1);
+            return levels.filter(|l| l.level.active).for_each(work);
+        }
+    }
+    pyramid.iter_mut().filter(|l| l.level.active).for_each(work);
+}
+
+/// The box of the nominal target in the middle of a window whose pixels are `scale` frame pixels.
+fn nominal(position: Position, level: &LevelBuffers<'_>) -> Rect {
+    boxed(position.centre(level.level.scale), level.level.target_q4(), level.level.target_q4())
+}
+
+/// A box around a centre (Q8 pixels) of a size in Q4 pixels.
+fn boxed(centre: (i32, i32), width: i32, height: i32) -> Rect {
+    Rect {
+        x: I28F4::from_bits((centre.0 >> 4) - width / 2),
+        y: I28F4::from_bits((centre.1 >> 4) - height / 2),
+        width: I28F4::from_bits(width),
+        height: I28F4::from_bits(height),
+    }
+}
+
+/// The window of a candidate.
+pub fn window(candidate: &Candidate) -> Position {
+    let quarters = |v: i16| i32::from(v) * crate::cube::SUBCELL;
+    Position { x: quarters(candidate.x), y: quarters(candidate.y) }
 }
 
 impl<'m, 'b> Detector<'m, 'b> {
@@ -177,7 +261,7 @@ impl<'m, 'b> Detector<'m, 'b> {
     ///
     /// # Errors
     /// [`Error::BufferTooSmall`] with the number of elements needed.
-    pub fn new(_model: &Model<'m>, config: Config, buffers: Buffers<'b>) -> Result<Self, Error> {
+    pub fn new(model: &Model<'m>, config: Config, buffers: Buffers<'b>) -> Result<Self, Error> {
         for (given, needed) in
             [(buffers.bytes.len(), config.bytes_len()), (buffers.words.len(), config.words_len())]
         {
@@ -185,7 +269,7 @@ impl<'m, 'b> Detector<'m, 'b> {
                 return Err(Error::BufferTooSmall { needed });
             }
         }
-        Ok(Self { config, buffers, model: PhantomData })
+        Ok(Self { model: *model, config, front: config.front(), buffers })
     }
 
     /// Looks at one frame taken at `time_us` (microseconds, any epoch, rising).
@@ -209,14 +293,149 @@ impl<'m, 'b> Detector<'m, 'b> {
         if (frame.width(), frame.height()) != (self.config.width, self.config.height) {
             return Err(Error::FrameSize { width: frame.width(), height: frame.height() });
         }
-        for stage in Stage::ALL {
-            observer(stage);
+        let Self { model, config, front, buffers } = self;
+        front.push(frame, buffers.bytes, &mut || observer(Stage::Registration));
+        let mut pyramid = front.pyramid(buffers.bytes, buffers.words);
+        each_level(&mut pyramid, |level| front.fill_tables(level));
+        let noise = FrontEnd::noise(&pyramid);
+        each_level(&mut pyramid, |level| front.fill_map(level, &noise));
+        observer(Stage::Channels);
+        let mut detections = Detections { registered: front.registered(), ..Detections::default() };
+        let candidates = scan(model, config, &pyramid, &mut detections);
+        observer(Stage::Scan);
+        let mut found: heapless::Vec<Detection, MAX_CANDIDATES> = heapless::Vec::new();
+        let mut cube = Cube::EMPTY;
+        for candidate in &candidates {
+            let level = &pyramid[usize::from(candidate.level)];
+            let Some(detection) = judge(model, config, front, level, candidate, &mut cube) else {
+                continue;
+            };
+            if found.push(detection).is_err() {
+                detections.dropped += 1;
+            }
         }
-        Ok(Detections::default())
+        observer(Stage::Cubes);
+        found.sort_unstable_by_key(|d| {
+            (Reverse(d.score), d.rect.x, d.rect.y, d.rect.width, d.rect.height)
+        });
+        detections.dropped +=
+            nms::suppress(&mut found, |d| d.rect, DETECTION_OVERLAP, MAX_DETECTIONS);
+        detections.list.extend(found);
+        observer(Stage::Boxes);
+        Ok(detections)
     }
 
     /// Gives the memory back.
     pub fn release(self) -> Buffers<'b> {
         self.buffers
     }
+}
+
+/// The windows that the scan hands on, best first.
+fn scan(
+    model: &Model<'_>,
+    config: &Config,
+    pyramid: &Pyramid<'_>,
+    detections: &mut Detections,
+) -> Candidates {
+    let search = |level: &LevelBuffers<'_>| {
+        let (columns, rows) = level.level.cells();
+        let map = Map::new(level.map(), columns, rows);
+        let (mut kept, mut number) = (Kept::new(), 0u32);
+        map.scan(level.number, model.scan(), |candidate| {
+            number += 1;
+            let item = (candidate.score, Reverse((candidate.y, candidate.x)));
+            if kept.push(item).is_err() && kept.peek().is_some_and(|worst| *worst < item) {
+                kept.pop();
+                // There is room now.
+                let _ = kept.push(item);
+            }
+        });
+        (level.number, map.window_count(), number, kept)
+    };
+    let mut all: heapless::Vec<Candidate, { crate::levels::MAX_LEVELS * MAX_CANDIDATES }> =
+        heapless::Vec::new();
+    let mut merge = |(level, windows, number, kept): (u8, u32, u32, Kept)| {
+        detections.windows += windows;
+        detections.kept += number;
+        detections.dropped += number - kept.len() as u32;
+        for &(score, Reverse((y, x))) in kept.iter() {
+            // The room is that of all levels together.
+            let _ = all.push(Candidate { level, x, y, score });
+        }
+    };
+    let active = || pyramid.iter().filter(|l| l.level.active);
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        if rayon::current_num_threads() > 1 {
+            let found: std::vec::Vec<_> = active()
+                .collect::<std::vec::Vec<_>>()
+                .into_par_iter()
+                .with_max_len(1)
+                .map(search)
+                .collect();
+            found.into_iter().for_each(&mut merge);
+        } else {
+            active().map(search).for_each(&mut merge);
+        }
+    }
+    #[cfg(not(feature = "rayon"))]
+    active().map(search).for_each(&mut merge);
+    all.sort_unstable_by_key(|c| (Reverse(c.score), c.level, c.y, c.x));
+    let rect = |c: &Candidate| nominal(window(c), &pyramid[usize::from(c.level)]);
+    detections.dropped +=
+        nms::suppress(&mut all, rect, CANDIDATE_OVERLAP, config.candidates.min(MAX_CANDIDATES));
+    all.into_iter().take(MAX_CANDIDATES).collect()
+}
+
+/// Cuts the cube of a candidate: Algorithm 1, and what is known beside the channels.
+pub fn cut(
+    model: &Model<'_>,
+    config: &Config,
+    front: &FrontEnd,
+    level: &LevelBuffers<'_>,
+    candidate: &Candidate,
+    cube: &mut Cube,
+) -> Path {
+    let regressors = config.compensation.then_some(model.regressors());
+    cube.scalars = [0; crate::cube::SCALARS];
+    cube.scalars[0] = (candidate.score + 32768).clamp(0, 65535) as u16;
+    cube.scalars[1] = (level.level.target_q4() >> 4) as u16;
+    cube.scalars[2] = u16::from(front.registered());
+    motion::compensate(&front.slices(level), regressors, window(candidate), cube)
+}
+
+/// Judges a candidate by its cube and gives it a box; `None` if it is rejected.
+fn judge(
+    model: &Model<'_>,
+    config: &Config,
+    front: &FrontEnd,
+    level: &LevelBuffers<'_>,
+    candidate: &Candidate,
+    cube: &mut Cube,
+) -> Option<Detection> {
+    let path = cut(model, config, front, level, candidate, cube);
+    let test = |feature, threshold| model.features().exceeds(feature, threshold, cube);
+    let score = if config.stcube { model.cube().cascade(test)? } else { candidate.score };
+    if score < config.threshold {
+        return None;
+    }
+    let [x, y, width, height] = model.boxes().each_ref().map(|forest| forest.score(test));
+    let scale = level.level.scale;
+    let centres = path.positions.map(|position| position.centre(scale));
+    // Q8 cells to Q8 pixels of the frame.
+    let pixels = |cells: i32| ((i64::from(cells) * CELL as i64 * i64::from(scale)) >> 16) as i32;
+    let size = |log: i32| {
+        ((i64::from(level.level.target_q4()) * i64::from(exp2_q16(log)) + 32768) >> 16) as i32
+    };
+    let (cx, cy) = centres[0];
+    Some(Detection {
+        rect: boxed((cx + pixels(x), cy + pixels(y)), size(width), size(height)),
+        score,
+        shifts: core::array::from_fn(|k| Shift {
+            x: I28F4::from_bits((centres[k + 1].0 - cx) >> 4),
+            y: I28F4::from_bits((centres[k + 1].1 - cy) >> 4),
+        }),
+    })
 }

@@ -129,12 +129,15 @@ impl core::fmt::Display for ModelError {
                 "model format {found}, this program reads format {VERSION}: train anew or take a matching release"
             ),
             Self::Length { expected, found } => {
-                write!(f, "the model has {found} bytes instead of {expected}: cut off or badly copied")
+                write!(
+                    f,
+                    "the model has {found} bytes instead of {expected}: cut off or badly copied"
+                )
             }
             Self::Checksum => f.write_str("the model's checksum is wrong: a damaged copy"),
-            Self::Geometry => {
-                f.write_str("the model was trained for other windows or channels than this program's")
-            }
+            Self::Geometry => f.write_str(
+                "the model was trained for other windows or channels than this program's",
+            ),
             Self::Trees { section, error } => write!(f, "the model's {}: {error}", section.name()),
             Self::Content { section } => write!(f, "the model's {} are not valid", section.name()),
         }
@@ -206,9 +209,8 @@ impl<'m> Model<'m> {
             return Err(ModelError::Length { expected: found - rest.len(), found });
         }
         let section = |section: Section| sections[section as usize];
-        let features = |of: Section| {
-            Features::parse(section(of)).ok_or(ModelError::Content { section: of })
-        };
+        let features =
+            |of: Section| Features::parse(section(of)).ok_or(ModelError::Content { section: of });
         let forest = |of: Section, features: usize| {
             let (forest, rest) = Forest::parse(section(of))
                 .map_err(|error| ModelError::Trees { section: of, error })?;

@@ -58,7 +58,8 @@ impl Position {
     pub fn centre(self, scale: u32) -> (i32, i32) {
         let centre = |v: i32| {
             let middle = v + WINDOW as i32 * SUBCELL / 2;
-            ((i64::from(middle) * CELL as i64 * i64::from(scale)) / (i64::from(SUBCELL) << 8)) as i32
+            ((i64::from(middle) * CELL as i64 * i64::from(scale)) / (i64::from(SUBCELL) << 8))
+                as i32
         };
         (centre(self.x), centre(self.y))
     }
@@ -145,7 +146,8 @@ pub fn compensate(
         for _ in 0..regressors.map_or(0, |_| MAX_MOVES) {
             let Some(regressors) = regressors else { break };
             let (h, v) = regressors.offset(patch);
-            let quarters = |offset: i32| (offset * SUBCELL + (1 << (OFFSET_BITS - 1))) >> OFFSET_BITS;
+            let quarters =
+                |offset: i32| (offset * SUBCELL + (1 << (OFFSET_BITS - 1))) >> OFFSET_BITS;
             let bound = |v: i32, origin: i32| v.clamp(origin - FARTHEST, origin + FARTHEST);
             let next = Position {
                 x: bound(at.x + quarters(h), origin.x),

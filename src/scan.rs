@@ -42,7 +42,11 @@ impl<'a> Map<'a> {
     pub fn new(bytes: &'a [u8], columns: usize, rows: usize) -> Self {
         let (width, height) = (columns + 2 * PADDING, rows + 2 * PADDING);
         let windows = ((width + 1).saturating_sub(WINDOW), (height + 1).saturating_sub(WINDOW));
-        Self { bytes: &bytes[..width * height * MAP_CHANNELS], stride: width * MAP_CHANNELS, windows }
+        Self {
+            bytes: &bytes[..width * height * MAP_CHANNELS],
+            stride: width * MAP_CHANNELS,
+            windows,
+        }
     }
 
     /// Windows to look at.

@@ -1,0 +1,170 @@
+//! The front end: from frames to the channels of all levels, for the last frames (level 6).
+//!
+//! Keeps the last [`SLICES`] frames, measures the background's motion between them, takes the differences that remain
+//! to older frames, and fills the tables and maps that the scan and the st-cubes read.
+
+use crate::channels::{self, DIFFERENCES};
+use crate::cube::SLICES;
+use crate::image::Image;
+use crate::levels::{self, Geometry, LevelBuffers, Pyramid};
+use crate::motion::Slices;
+use crate::registration::{Motion, Registration};
+use crate::warp;
+
+/// Which parts of the front end are on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Parts {
+    /// Align older frames to the newest one by the background's motion.
+    pub registration: bool,
+    /// Fill the temporal-difference channels; they are 0 otherwise.
+    pub temporal: bool,
+}
+
+/// Frames in, channels out. Its memory is the caller's and passed to each call.
+#[derive(Debug, Clone)]
+pub struct FrontEnd {
+    width: usize,
+    height: usize,
+    parts: Parts,
+    geometry: Geometry,
+    registration: Registration,
+    /// Motion from the frame k ago to the one before it.
+    motions: [Motion; SLICES - 1],
+    /// Frames seen, at most [`SLICES`].
+    seen: usize,
+    /// Place of the newest frame in the rings.
+    slot: usize,
+}
+
+/// The frame's own memory, divided.
+struct Divided<'a> {
+    frames: &'a mut [u8],
+    warped: &'a mut [u8],
+    differences: &'a mut [u8],
+    registration: &'a mut [u8],
+    levels: &'a mut [u8],
+}
+
+impl FrontEnd {
+    /// For frames of `width` x `height` and the levels of `geometry`, which must be of the same size; no frame seen.
+    pub const fn new(width: usize, height: usize, geometry: Geometry, parts: Parts) -> Self {
+        Self {
+            width,
+            height,
+            parts,
+            geometry,
+            registration: Registration::new(width, height),
+            motions: [Motion::IDENTITY; SLICES - 1],
+            seen: 0,
+            slot: 0,
+        }
+    }
+
+    /// Bytes of memory.
+    pub const fn bytes_len(width: usize, height: usize, geometry: &Geometry) -> usize {
+        (SLICES + 1 + DIFFERENCES) * width * height
+            + Registration::buffer_len(width, height)
+            + geometry.bytes_len()
+    }
+
+    /// Words of memory.
+    pub const fn words_len(geometry: &Geometry) -> usize {
+        geometry.words_len()
+    }
+
+    fn divide<'a>(&self, bytes: &'a mut [u8]) -> Divided<'a> {
+        let pixels = self.width * self.height;
+        let (frames, rest) = bytes.split_at_mut(SLICES * pixels);
+        let (warped, rest) = rest.split_at_mut(pixels);
+        let (differences, rest) = rest.split_at_mut(DIFFERENCES * pixels);
+        let (registration, levels) =
+            rest.split_at_mut(Registration::buffer_len(self.width, self.height));
+        Divided { frames, warped, differences, registration, levels }
+    }
+
+    /// Place in the rings of the frame `age` frames ago; the oldest one seen stands for those before it.
+    fn slot(&self, age: usize) -> usize {
+        let age = age.min(self.seen.saturating_sub(1));
+        (self.slot + SLICES - age) % SLICES
+    }
+
+    /// Whether the background's motion to the frame before could be measured.
+    pub fn registered(&self) -> bool {
+        self.motions[0].is_valid()
+    }
+
+    /// Takes in one frame: measures its motion and fills pictures of all levels. Then fill each level with
+    /// [`FrontEnd::fill_tables`] and [`FrontEnd::fill_map`], in any order of levels. Panics if the frame has another
+    /// size or the memory is not that of the last call.
+    pub fn push(&mut self, frame: Image<'_>, bytes: &mut [u8], observer: &mut dyn FnMut()) {
+        let (width, height) = (self.width, self.height);
+        let pixels = width * height;
+        self.slot = (self.slot + 1) % SLICES;
+        self.seen = (self.seen + 1).min(SLICES);
+        let Divided { frames, warped, differences, registration, levels } = self.divide(bytes);
+        let newest = &mut frames[self.slot * pixels..(self.slot + 1) * pixels];
+        for y in 0..height {
+            newest[y * width..(y + 1) * width].copy_from_slice(frame.row(y));
+        }
+        if self.parts.registration {
+            let motion = self.registration.register(frame, registration);
+            self.motions.copy_within(..SLICES - 2, 1);
+            self.motions[0] = motion;
+        }
+        let picture = |pixels| {
+            Image::packed(pixels, width, height).expect("buffers are made for the frame's size")
+        };
+        if self.parts.temporal && self.seen > 1 {
+            let (to_last, rest) = differences.split_at_mut(pixels);
+            let (to_oldest, plain) = rest.split_at_mut(pixels);
+            for (age, out) in [(1, to_last), (self.seen - 1, to_oldest)] {
+                let older = &frames[self.slot(age) * pixels..][..pixels];
+                warp::warp(picture(older), frame, &self.motions[..age], warped);
+                warp::temporal_difference(frame, warped, out);
+            }
+            for (y, out) in plain.chunks_exact_mut(width).enumerate() {
+                for ((out, a), b) in out.iter_mut().zip(frame.row(y)).zip(&warped[y * width..]) {
+                    *out = a.abs_diff(*b);
+                }
+            }
+        } else {
+            differences.fill(0);
+        }
+        observer();
+        let differences: &[u8] = differences;
+        let images = core::array::from_fn(|i| picture(&differences[i * pixels..(i + 1) * pixels]));
+        let mut pyramid = levels::divide(&self.geometry, levels, &mut []);
+        levels::build(&self.geometry, &mut pyramid, frame, images);
+    }
+
+    /// The levels and their memory.
+    pub fn pyramid<'a>(&self, bytes: &'a mut [u8], words: &'a mut [u16]) -> Pyramid<'a> {
+        levels::divide(&self.geometry, self.divide(bytes).levels, words)
+    }
+
+    /// Fills the tables of a level for the newest frame.
+    pub fn fill_tables(&self, level: &mut LevelBuffers<'_>) {
+        level.fill_tables(self.slot);
+    }
+
+    /// Noise of the newest frame's differences: from the finest level that is searched, whose tables must be filled.
+    pub fn noise(pyramid: &Pyramid<'_>) -> [u32; DIFFERENCES] {
+        let finest = pyramid.iter().find(|l| l.level.active);
+        finest.map_or([0; DIFFERENCES], |level| channels::noise(&level.newest()))
+    }
+
+    /// Fills the scan's map of a level, whose tables must be filled.
+    pub fn fill_map(&self, level: &mut LevelBuffers<'_>, noise: &[u32; DIFFERENCES]) {
+        level.fill_map(self.slot, noise);
+    }
+
+    /// What the cubes of a level are cut from.
+    pub fn slices<'a>(&self, level: &'a LevelBuffers<'_>) -> Slices<'a> {
+        Slices {
+            tables: core::array::from_fn(|age| level.table(self.slot(age))),
+            newest: level.newest(),
+            motions: self.motions,
+            scale: level.level.scale,
+        }
+    }
+}
