@@ -1,7 +1,20 @@
 //! Where frames come from.
 
+mod folder;
+mod video;
+mod y4m;
+
+pub use folder::Folder;
+pub(crate) use folder::is_picture;
+pub use video::Video;
+pub use y4m::Y4m;
+
 use crate::image::Image;
+use crate::shell::clips;
 use std::boxed::Box;
+use std::io::{self, BufReader};
+use std::path::{Path, PathBuf};
+use std::string::String;
 use std::vec::Vec;
 
 /// One grey frame, owned, and when it was taken.
@@ -49,6 +62,189 @@ impl FrameSource for Box<dyn FrameSource> {
     }
 }
 
+/// Opens what the user names: `-` (y4m on standard input), a `.y4m` file, a folder of pictures, a
+/// clip's folder (its `frames/` or its video), or any video that `ffmpeg` reads.
+///
+/// # Errors
+/// [`SourceError`] when it is missing, empty or not of these forms.
+pub fn open(input: &str) -> Result<Box<dyn FrameSource>, SourceError> {
+    if input == "-" {
+        let reader = BufReader::new(io::stdin());
+        return Ok(Box::new(Y4m::new(reader, "standard input")?));
+    }
+    let path = Path::new(input);
+    if !input.contains("://") {
+        path.metadata().map_err(|source| SourceError::Open { path: path.into(), source })?;
+    }
+    if !path.is_dir() {
+        return open_file(path);
+    }
+    match (Folder::new(path), clips::input(path)) {
+        (Err(SourceError::NoPictures { .. }), Some(found)) if found.is_dir() => {
+            Ok(Box::new(Folder::new(&found)?))
+        }
+        (Err(SourceError::NoPictures { .. }), Some(found)) => open_file(&found),
+        (pictures, _) => Ok(Box::new(pictures?)),
+    }
+}
+
+fn open_file(path: &Path) -> Result<Box<dyn FrameSource>, SourceError> {
+    if has_extension(path, &["y4m"]) {
+        Ok(Box::new(Y4m::open(path)?))
+    } else {
+        Ok(Box::new(Video::open(path)?))
+    }
+}
+
+/// Whether the name of `path` ends in one of `extensions` (given in lower case), in any case.
+pub(crate) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    path.extension()
+        .and_then(|found| found.to_str())
+        .is_some_and(|found| extensions.contains(&found.to_ascii_lowercase().as_str()))
+}
+
+/// When frame `index` (from 0) is taken at `rate.0 / rate.1` frames a second, microseconds.
+pub(crate) fn frame_time_us(index: u64, rate: (u32, u32)) -> i64 {
+    let time = u128::from(index) * 1_000_000 * u128::from(rate.1) / u128::from(rate.0);
+    i64::try_from(time).unwrap_or(i64::MAX)
+}
+
 /// Why frames cannot be read.
 #[derive(Debug, thiserror::Error)]
-pub enum SourceError {}
+#[non_exhaustive]
+pub enum SourceError {
+    /// The input is missing or may not be read.
+    #[error("{}: cannot open: {source}; give a folder of pictures, a .y4m file, a video or - for y4m on standard input", path.display())]
+    Open {
+        /// What was to be opened.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A folder without a picture.
+    #[error("{}: no PNG, JPEG or PGM picture in this folder; put the frames there, named in order", path.display())]
+    NoPictures {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A stream without a frame.
+    #[error("{name}: no frame in it; check how it was recorded")]
+    NoFrames {
+        /// The file, or `standard input`.
+        name: String,
+    },
+    /// A picture that cannot be decoded.
+    #[error("{}: frame {frame} cannot be decoded: {source}; replace the file or take it out", path.display())]
+    Picture {
+        /// The picture.
+        path: PathBuf,
+        /// Its place in the folder, from 1.
+        frame: u64,
+        /// What the decoder said.
+        source: image::ImageError,
+    },
+    /// A picture of another size than the first.
+    #[error("{}: frame {frame} is {}x{}, the frames before are {}x{}; all must have one size", path.display(), size.0, size.1, expected.0, expected.1)]
+    Size {
+        /// The picture.
+        path: PathBuf,
+        /// Its place in the folder, from 1.
+        frame: u64,
+        /// Its width and height.
+        size: (usize, usize),
+        /// Width and height of the first.
+        expected: (usize, usize),
+    },
+    /// A y4m header that is not understood.
+    #[error("{name}: y4m header: {reason}")]
+    Header {
+        /// The file, or `standard input`.
+        name: String,
+        /// The field, what it is and what is expected.
+        reason: String,
+    },
+    /// Something else where a y4m frame should begin.
+    #[error("{name}: frame {frame} does not begin with FRAME; the file is damaged from there on")]
+    FrameHeader {
+        /// The file, or `standard input`.
+        name: String,
+        /// Which frame, from 1.
+        frame: u64,
+    },
+    /// A y4m stream that ends inside a frame.
+    #[error("{name}: cut off inside frame {frame}; the {} complete frames before it were read, record it again for the rest", frame - 1)]
+    CutOff {
+        /// The file, or `standard input`.
+        name: String,
+        /// Which frame, from 1.
+        frame: u64,
+    },
+    /// The system failed while reading.
+    #[error("{name}: frame {frame} cannot be read: {source}")]
+    Read {
+        /// The file, or `standard input`.
+        name: String,
+        /// Which frame, from 1.
+        frame: u64,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// `ffmpeg` cannot be started.
+    #[error("{}: videos are read with ffmpeg, which cannot be started: {source}; install it (Debian, Ubuntu: apt install ffmpeg; macOS: brew install ffmpeg) or give a folder of pictures or a .y4m file", path.display())]
+    FfmpegMissing {
+        /// The video.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// `ffmpeg` could not decode all of the video.
+    #[error("{}: ffmpeg could not decode it all (frames read: {frames}): {message}", path.display())]
+    Ffmpeg {
+        /// The video.
+        path: PathBuf,
+        /// How many frames were delivered before.
+        frames: u64,
+        /// Its last words.
+        message: String,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn a_missing_file_is_named() {
+        let error = open("/nowhere/flight.mp4").err().unwrap().to_string();
+        assert!(error.starts_with("/nowhere/flight.mp4: cannot open"));
+    }
+
+    #[test]
+    fn the_form_is_recognised() {
+        let folder = tempfile::tempdir().unwrap();
+        let frames = folder.path().join("frames");
+        std::fs::create_dir(&frames).unwrap();
+        let stream = folder.path().join("flight.Y4M");
+        std::fs::write(&stream, "YUV4MPEG2 W2 H1 F10:1 Cmono\nFRAME\nab").unwrap();
+        let open = |path: &Path| open(path.to_str().unwrap());
+        let mut frame = Frame::default();
+        assert!(open(&stream).unwrap().next_frame(&mut frame).unwrap());
+        assert_eq!(frame.pixels, b"ab");
+        let error = open(folder.path()).err().unwrap().to_string();
+        assert!(error.contains("frames: no PNG"), "{error}");
+        let picture = image::GrayImage::new(3, 2);
+        picture.save(frames.join("1.png")).unwrap();
+        assert_eq!(open(folder.path()).unwrap().frame_count(), Some(1));
+        assert!(open(folder.path()).unwrap().next_frame(&mut frame).unwrap());
+        assert_eq!((frame.width, frame.height), (3, 2));
+    }
+
+    #[test]
+    fn times_do_not_drift() {
+        assert_eq!(frame_time_us(30_000, (30_000, 1001)), 1_001_000_000);
+        assert_eq!(frame_time_us(1, (30, 1)), 33_333);
+        assert_eq!(frame_time_us(2, (30, 1)), 66_666);
+        assert_eq!(frame_time_us(u64::MAX, (1, u32::MAX)), i64::MAX);
+    }
+}
