@@ -1,0 +1,201 @@
+//! Detections drawn on the grey frame: box, score, motion vector.
+
+use super::detections::Decimal;
+use super::source::Frame;
+use crate::detector::{Detection, Detections};
+use fixed::types::I28F4;
+use std::format;
+use std::vec::Vec;
+
+const BOX: [u8; 3] = [64, 255, 64];
+const MOTION: [u8; 3] = [255, 64, 64];
+
+/// The motion vector is drawn this many times as long as the object's way over the st-cube.
+const MOTION_SCALE: i32 = 4;
+
+/// A colour picture: rows of `width` pixels, red green blue.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Picture {
+    /// The bytes, three a pixel.
+    pub rgb: Vec<u8>,
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl Picture {
+    /// The frame with its detections, written over what this picture was (its memory is used again).
+    pub fn annotate(&mut self, frame: &Frame, detections: &Detections) {
+        self.rgb.clear();
+        self.rgb.extend(frame.pixels.iter().flat_map(|&grey| [grey; 3]));
+        (self.width, self.height) = (frame.width, frame.height);
+        for detection in &detections.list {
+            self.detection(detection);
+        }
+    }
+
+    fn detection(&mut self, detection: &Detection) {
+        let rect = detection.rect;
+        // The outline lies around the box: on the pixels just outside.
+        let left = pixel(rect.x) - 1;
+        let top = pixel(rect.y) - 1;
+        let right = last_pixel(rect.x, rect.width) + 1;
+        let bottom = last_pixel(rect.y, rect.height) + 1;
+        let (width, height) = (self.width as i32, self.height as i32);
+        for x in left.max(0)..=right.min(width - 1) {
+            self.plot(x, top, BOX);
+            self.plot(x, bottom, BOX);
+        }
+        for y in top.max(0)..=bottom.min(height - 1) {
+            self.plot(left, y, BOX);
+            self.plot(right, y, BOX);
+        }
+        if let Some(oldest) = detection.shifts.last() {
+            // Where it was, turned round: where it goes.
+            let ahead = |shift: I28F4| pixel(shift.saturating_mul_int(-MOTION_SCALE));
+            let centre = (left.midpoint(right), top.midpoint(bottom));
+            let vector = (ahead(oldest.x), ahead(oldest.y));
+            self.line(centre, vector, MOTION);
+        }
+        let score = format!("{:.2}", Decimal::score(detection.score).to_f64());
+        let above = top - GLYPH_HEIGHT - 1;
+        let text_top = if above >= 0 { above } else { bottom + 2 };
+        self.text(left, text_top, &score, BOX);
+    }
+
+    /// Colours a pixel; nothing happens outside the picture.
+    fn plot(&mut self, x: i32, y: i32, colour: [u8; 3]) {
+        let inside = |v: i32, size: usize| usize::try_from(v).ok().filter(|&v| v < size);
+        if let (Some(x), Some(y)) = (inside(x, self.width), inside(y, self.height)) {
+            self.rgb[(y * self.width + x) * 3..][..3].copy_from_slice(&colour);
+        }
+    }
+
+    /// A straight line from `start` along `vector`, no longer than the picture is wide and high together.
+    fn line(&mut self, start: (i32, i32), vector: (i32, i32), colour: [u8; 3]) {
+        let [dx, dy] = [vector.0, vector.1].map(i64::from);
+        let steps = dx.abs().max(dy.abs());
+        for step in 0..=steps.min((self.width + self.height) as i64) {
+            let at = |start: i32, d: i64| start.saturating_add((d * step / steps.max(1)) as i32);
+            self.plot(at(start.0, dx), at(start.1, dy), colour);
+        }
+    }
+
+    /// Digits, points and minus signs, the upper left corner at (x, y).
+    fn text(&mut self, x: i32, y: i32, text: &str, colour: [u8; 3]) {
+        for (index, glyph) in text.chars().map(glyph).enumerate() {
+            let x = x.saturating_add(index as i32 * GLYPH_ADVANCE);
+            for (row, bits) in glyph.iter().enumerate() {
+                for column in
+                    (0..GLYPH_COLUMNS).filter(|c| bits >> (GLYPH_COLUMNS - 1 - c) & 1 == 1)
+                {
+                    for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                        let px = x.saturating_add(column * GLYPH_SCALE + dx);
+                        let py = y.saturating_add(row as i32 * GLYPH_SCALE + dy);
+                        self.plot(px, py, colour);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The pixel in which a coordinate lies; far away ones are brought near, they are not drawn anyway.
+fn pixel(coordinate: I28F4) -> i32 {
+    (coordinate.to_bits() >> 4).clamp(-FAR, FAR)
+}
+
+/// The last pixel that a span touches.
+fn last_pixel(start: I28F4, length: I28F4) -> i32 {
+    pixel(start.saturating_add(length).saturating_sub(I28F4::DELTA))
+}
+
+/// Beyond every picture, and still safe to calculate with.
+const FAR: i32 = 1 << 24;
+
+const GLYPH_SCALE: i32 = 2;
+const GLYPH_COLUMNS: i32 = 3;
+const GLYPH_ROWS: usize = 5;
+const GLYPH_HEIGHT: i32 = GLYPH_ROWS as i32 * GLYPH_SCALE;
+const GLYPH_ADVANCE: i32 = (GLYPH_COLUMNS + 1) * GLYPH_SCALE;
+
+/// The rows of a character, the left column in the highest of three bits; other characters are blank.
+fn glyph(character: char) -> [u8; GLYPH_ROWS] {
+    match character {
+        '0' => [0b111, 0b101, 0b101, 0b101, 0b111],
+        '1' => [0b010, 0b110, 0b010, 0b010, 0b111],
+        '2' => [0b111, 0b001, 0b111, 0b100, 0b111],
+        '3' => [0b111, 0b001, 0b011, 0b001, 0b111],
+        '4' => [0b101, 0b101, 0b111, 0b001, 0b001],
+        '5' => [0b111, 0b100, 0b111, 0b001, 0b111],
+        '6' => [0b111, 0b100, 0b111, 0b101, 0b111],
+        '7' => [0b111, 0b001, 0b010, 0b010, 0b010],
+        '8' => [0b111, 0b101, 0b111, 0b101, 0b111],
+        '9' => [0b111, 0b101, 0b111, 0b001, 0b111],
+        '-' => [0b000, 0b000, 0b111, 0b000, 0b000],
+        '.' => [0b000, 0b000, 0b000, 0b000, 0b010],
+        _ => [0; GLYPH_ROWS],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detector::Shift;
+    use crate::image::Rect;
+    use proptest::prelude::*;
+    use std::vec;
+
+    fn annotated(size: (usize, usize), rect: [i32; 4], shift: [i32; 2], score: i32) -> Picture {
+        let frame =
+            Frame { pixels: vec![9; size.0 * size.1], width: size.0, height: size.1, time_us: 0 };
+        let [x, y, width, height] = rect.map(I28F4::from_bits);
+        let [sx, sy] = shift.map(I28F4::from_bits);
+        let detection = Detection {
+            rect: Rect { x, y, width, height },
+            score,
+            shifts: [Shift { x: sx, y: sy }; 3],
+        };
+        let mut detections = Detections::default();
+        detections.list.push(detection).unwrap();
+        let mut picture = Picture::default();
+        picture.annotate(&frame, &detections);
+        picture
+    }
+
+    /// The picture as text: grey '.', box '#', motion '*'.
+    fn drawn(picture: &Picture) -> Vec<std::string::String> {
+        let mark = |p: &[u8]| match p {
+            p if p == BOX => '#',
+            p if p == MOTION => '*',
+            _ => '.',
+        };
+        picture.rgb.chunks(picture.width * 3).map(|row| row.chunks(3).map(mark).collect()).collect()
+    }
+
+    #[test]
+    fn the_outline_goes_round_the_box_and_the_vector_points_ahead() {
+        // Box of pixels 2..=6 by 14..=16; the object was half a pixel further right: it goes left by two.
+        let picture = annotated((10, 19), [32, 14 * 16, 80, 48], [8, 0], 0);
+        let rows = drawn(&picture);
+        assert_eq!(rows[12], "..........");
+        assert_eq!(rows[13], ".#######..");
+        assert_eq!(rows[14], ".#.....#..");
+        assert_eq!(rows[15], ".#***..#..");
+        assert_eq!(rows[17], ".#######..");
+        // The first digit of 0.00 in double size just above.
+        assert_eq!(rows[2], ".######...");
+        assert_eq!(rows[5], ".##..##...");
+        assert_eq!(rows[11], ".######...");
+    }
+
+    proptest! {
+        #[test]
+        fn nothing_drawn_leaves_the_picture(w in 0..9usize, h in 0..9usize, rect: [i32; 4], near in [-99..99i32, -99..99, 0..99, 0..99], shift: [i32; 2], score: i32) {
+            for rect in [rect, near] {
+                prop_assert_eq!(annotated((w, h), rect, shift, score).rgb.len(), w * h * 3);
+            }
+        }
+    }
+}

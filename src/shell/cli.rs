@@ -1,0 +1,30 @@
+//! The command line: verbs and what they take.
+
+use super::{bench, eval, replay, simulate};
+use clap::{Parser, Subcommand};
+use std::format;
+
+/// Finds other flying objects in a drone's own moving camera.
+#[derive(Debug, Clone, Parser)]
+#[command(name = "lookout", version, arg_required_else_help = true)]
+#[command(after_help = "LOOKOUT_LOG=debug (or info, trace) tells more on standard error.")]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+/// What the program can do.
+#[derive(Debug, Clone, Subcommand)]
+pub enum Verb {
+    /// Find flying objects in a recorded flight, or in a simulated one
+    Replay(replay::ReplayArgs),
+    /// Measure accuracy on a folder of clips with ground truth
+    Eval(eval::EvalArgs),
+    /// Measure accuracy of detections in files
+    Score(eval::ScoreArgs),
+    /// Measure speed and memory
+    Bench(bench::BenchArgs),
+    /// Render a flight: frames and ground truth
+    Simulate(simulate::SimulateArgs),
+}

@@ -1,0 +1,260 @@
+//! Detections as text: MOTChallenge and JSON Lines.
+//!
+//! Numbers are printed from the detector's integers: boxes exactly (sixteenths have four decimals), scores with six decimals, which
+//! keep every Q16 value apart. A frame is written in one piece, so that a run that is cut off leaves whole lines.
+
+use super::error::Error;
+use super::score::Found;
+use crate::detector::{Detection, Detections};
+use core::fmt;
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{Seek, Write};
+use std::path::{Path, PathBuf};
+use std::string::String;
+use std::vec::Vec;
+use std::{format, fs, io};
+
+/// A fixed-point number as a decimal: `units` / 10^`digits`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Decimal {
+    units: i64,
+    digits: u32,
+}
+
+impl Decimal {
+    /// A Q28.4 number in pixels, exactly.
+    pub fn pixels(value: fixed::types::I28F4) -> Self {
+        Self { units: i64::from(value.to_bits()) * 625, digits: 4 }
+    }
+
+    /// A Q16 score, rounded to the nearest millionth, ties upwards.
+    pub fn score(bits: i32) -> Self {
+        Self { units: (i64::from(bits) * 1_000_000 + (1 << 15)) >> 16, digits: 6 }
+    }
+
+    /// The nearest `f64`, which is also what reading the printed decimal gives.
+    pub fn to_f64(self) -> f64 {
+        self.units as f64 / f64::from(10u32.pow(self.digits))
+    }
+}
+
+impl fmt::Display for Decimal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let scale = 10u64.pow(self.digits);
+        let size = self.units.unsigned_abs();
+        let sign = if self.units < 0 { "-" } else { "" };
+        let digits = self.digits as usize;
+        write!(f, "{sign}{}.{:0digits$}", size / scale, size % scale)
+    }
+}
+
+/// The box of a detection in pixels: left, top, width, height.
+pub fn rect(detection: &Detection) -> [Decimal; 4] {
+    let rect = detection.rect;
+    [rect.x, rect.y, rect.width, rect.height].map(Decimal::pixels)
+}
+
+/// The detections of a frame as they read in a file.
+pub fn found(frame: u64, detections: &Detections) -> impl Iterator<Item = Found> + '_ {
+    detections.list.iter().map(move |d| Found {
+        frame,
+        rect: rect(d).map(Decimal::to_f64),
+        score: Decimal::score(d.score).to_f64(),
+    })
+}
+
+/// A text file that holds whole pieces only, even when the disk is full.
+#[derive(Debug)]
+pub struct TextFile {
+    path: PathBuf,
+    file: File,
+    /// Bytes of the pieces written so far.
+    whole: u64,
+}
+
+impl TextFile {
+    /// Creates the file, or empties it.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn create(path: &Path) -> Result<Self, Error> {
+        let file = File::create(path).map_err(Error::write(path))?;
+        Ok(Self { path: path.into(), file, whole: 0 })
+    }
+
+    /// Writes one piece, at once.
+    ///
+    /// # Errors
+    /// [`Error::Write`]; what was written of the piece is taken back where the file allows it.
+    pub fn write(&mut self, piece: &str) -> Result<(), Error> {
+        if let Err(source) = self.file.write_all(piece.as_bytes()) {
+            // Best effort: the error that is told is the first one.
+            let _ = self.file.set_len(self.whole);
+            let _ = self.file.seek(io::SeekFrom::Start(self.whole));
+            return Err(Error::Write { path: self.path.clone(), source });
+        }
+        self.whole += piece.len() as u64;
+        Ok(())
+    }
+}
+
+/// The lines of a frame in MOTChallenge form: `frame,-1,left,top,width,height,score`; `frame` from 1.
+pub fn mot_lines(frame: u64, detections: &Detections) -> String {
+    let mut lines = String::new();
+    for detection in &detections.list {
+        let [left, top, width, height] = rect(detection);
+        let score = Decimal::score(detection.score);
+        // Writing to a string cannot fail.
+        let _ = writeln!(lines, "{frame},-1,{left},{top},{width},{height},{score}");
+    }
+    lines
+}
+
+#[derive(Serialize)]
+struct FrameLine {
+    frame: u64,
+    time_us: i64,
+    windows: u32,
+    kept: u32,
+    dropped: u32,
+    registered: bool,
+    detections: Vec<DetectionLine>,
+}
+
+#[derive(Serialize)]
+struct DetectionLine {
+    /// Left, top, width, height in pixels.
+    r#box: [f64; 4],
+    score: f64,
+    /// Where the centre was 1, 2, .. frames ago, relative to its place now: right, down in pixels.
+    shifts: Vec<[f64; 2]>,
+}
+
+/// The line of a frame in JSON Lines form; `frame` from 1.
+pub fn json_line(frame: u64, time_us: i64, detections: &Detections) -> String {
+    let pixels = |v| Decimal::pixels(v).to_f64();
+    let line = FrameLine {
+        frame,
+        time_us,
+        windows: detections.windows,
+        kept: detections.kept,
+        dropped: detections.dropped,
+        registered: detections.registered,
+        detections: detections
+            .list
+            .iter()
+            .map(|d| DetectionLine {
+                r#box: rect(d).map(Decimal::to_f64),
+                score: Decimal::score(d.score).to_f64(),
+                shifts: d.shifts.iter().map(|s| [pixels(s.x), pixels(s.y)]).collect(),
+            })
+            .collect(),
+    };
+    let mut text = serde_json::to_string(&line).expect("numbers and names always make JSON");
+    text.push('\n');
+    text
+}
+
+/// Reads detections in MOTChallenge form; fields behind the score are ignored.
+///
+/// # Errors
+/// [`Error::Read`], or [`Error::Text`] naming the line.
+pub fn read_mot(path: &Path) -> Result<Vec<Found>, Error> {
+    let text = fs::read_to_string(path).map_err(Error::read(path))?;
+    let mut found = Vec::new();
+    for (index, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+        let detection = parse_mot_line(line).map_err(|reason| Error::Text {
+            path: path.into(),
+            line: index + 1,
+            reason,
+        })?;
+        found.push(detection);
+    }
+    Ok(found)
+}
+
+fn parse_mot_line(line: &str) -> Result<Found, String> {
+    let fields = line
+        .split(',')
+        .map(|field| {
+            let number = field.trim().parse::<f64>().ok().filter(|v| v.is_finite());
+            number.ok_or_else(|| format!("'{}' is not a number", field.trim().escape_debug()))
+        })
+        .collect::<Result<Vec<f64>, String>>()?;
+    let &[frame, _, left, top, width, height, score, ..] = fields.as_slice() else {
+        return Err(format!(
+            "{} fields; a detection is frame,-1,left,top,width,height,score",
+            fields.len()
+        ));
+    };
+    if !(1.0..=u32::MAX.into()).contains(&frame) {
+        return Err(format!("frame {frame}; frames count from 1"));
+    }
+    Ok(Found { frame: frame as u64, rect: [left, top, width, height], score })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detector::Shift;
+    use crate::image::Rect;
+    use fixed::types::I28F4;
+    use proptest::prelude::*;
+    use std::string::ToString;
+
+    fn one(rect: [i32; 4], score: i32) -> Detections {
+        let [x, y, width, height] = rect.map(I28F4::from_bits);
+        let shift = Shift { x: I28F4::from_bits(-1), y: I28F4::from_bits(24) };
+        let detection = Detection { rect: Rect { x, y, width, height }, score, shifts: [shift; 3] };
+        let mut detections = Detections { windows: 9, kept: 2, ..Default::default() };
+        detections.list.push(detection).unwrap();
+        detections
+    }
+
+    #[test]
+    fn lines_by_hand() {
+        let detections = one([-1, 33, 160, 8], -(1 << 15));
+        assert_eq!(mot_lines(7, &detections), "7,-1,-0.0625,2.0625,10.0000,0.5000,-0.500000\n");
+        assert_eq!(
+            json_line(7, 200_000, &detections),
+            "{\"frame\":7,\"time_us\":200000,\"windows\":9,\"kept\":2,\"dropped\":0,\"registered\":false,\
+             \"detections\":[{\"box\":[-0.0625,2.0625,10.0,0.5],\"score\":-0.5,\
+             \"shifts\":[[-0.0625,1.5],[-0.0625,1.5],[-0.0625,1.5]]}]}\n"
+        );
+        assert_eq!(mot_lines(1, &Detections::default()), "");
+    }
+
+    #[test]
+    fn bad_lines_are_refused_with_place_and_reason() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("clip.txt");
+        for (text, place, reason) in [
+            ("1,-1,0,0,9,9,1\n1,-1,0,x,9,9,1", "line 2", "'x' is not a number"),
+            ("1,-1,0,0,9,9", "line 1", "6 fields"),
+            ("\n0,-1,0,0,9,9,1", "line 2", "count from 1"),
+            ("1,-1,0,0,9,nan,1", "line 1", "'nan' is not a number"),
+        ] {
+            fs::write(&path, text).unwrap();
+            let error = read_mot(&path).unwrap_err().to_string();
+            assert!(error.contains("clip.txt") && error.contains(place), "{error}");
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_reads_back_equal(rect: [i32; 4], score: i32, frame in 1..9999u64) {
+            let detections = one(rect, score);
+            let path = tempfile::NamedTempFile::new().unwrap();
+            fs::write(&path, mot_lines(frame, &detections)).unwrap();
+            let read = read_mot(path.path()).unwrap();
+            prop_assert_eq!(&read, &found(frame, &detections).collect::<Vec<_>>());
+            prop_assert_eq!(read[0].rect, rect.map(|v| f64::from(v) / 16.0));
+            // Six decimals keep neighbouring scores apart and in order.
+            prop_assert!(Decimal::score(score).units < Decimal::score(score.saturating_add(1)).units || score == i32::MAX);
+            prop_assert!((read[0].score - f64::from(score) / 65536.0).abs() <= 0.5e-6 + 1e-12 * read[0].score.abs());
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! What can go wrong in a verb, told in one line: the file, the place, what to do.
+
+use super::clips::ClipsError;
+use super::source::SourceError;
+use crate::detector;
+use crate::model::ModelError;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::string::String;
+use std::vec::Vec;
+
+/// Why a verb ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// Frames cannot be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// Clips cannot be read.
+    #[error(transparent)]
+    Clips(#[from] ClipsError),
+    /// A source that holds no frame at all.
+    #[error("{input}: no frames in it; give a folder of pictures, a .y4m or a video with frames")]
+    NoFrames {
+        /// The input as the user named it.
+        input: String,
+    },
+    /// A file cannot be read.
+    #[error("{}: cannot read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// A file or folder cannot be written.
+    #[error("{}: cannot write: {source}{}", path.display(), advice(source))]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// Bytes that are not a model of this version.
+    #[error(
+        "{name}: {source}; train one with `lookout train`, or leave --model out for the shipped one"
+    )]
+    Model {
+        /// The file, or the words for the shipped model.
+        name: String,
+        /// What is wrong with it.
+        source: ModelError,
+    },
+    /// A line of a text file that does not say what it should.
+    #[error("{} line {line}: {reason}", path.display())]
+    Text {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong, and what belongs there.
+        reason: String,
+    },
+    /// The detector refuses its configuration or a frame.
+    #[error("{input}, frame {frame}: {source}")]
+    Detector {
+        /// The input as the user named it.
+        input: String,
+        /// The frame, from 1.
+        frame: u64,
+        /// Its reason.
+        source: detector::Error,
+    },
+    /// A video encoder that cannot be started or gave up.
+    #[error("{}: {reason}", path.display())]
+    Encoder {
+        /// The video.
+        path: PathBuf,
+        /// What happened and what to do.
+        reason: String,
+    },
+    /// No clip of a folder has a name that was asked for.
+    #[error("{}: no clip in it whose name contains '{}'", path.display(), names.join("' or '"))]
+    NoClips {
+        /// The folder.
+        path: PathBuf,
+        /// What was asked for.
+        names: Vec<String>,
+    },
+    /// Ctrl-C cannot be watched.
+    #[error("cannot watch for Ctrl-C: {reason}")]
+    Interrupt {
+        /// The system's reason.
+        reason: String,
+    },
+    /// Threads cannot be started.
+    #[error("cannot start {threads} threads: {reason}; try a smaller --threads")]
+    Threads {
+        /// How many were asked for.
+        threads: usize,
+        /// The system's reason.
+        reason: String,
+    },
+}
+
+impl Error {
+    /// For `map_err`: `path` cannot be read.
+    pub fn read(path: &Path) -> impl FnOnce(io::Error) -> Self + '_ {
+        move |source| Self::Read { path: path.into(), source }
+    }
+
+    /// For `map_err`: `path` cannot be written.
+    pub fn write(path: &Path) -> impl FnOnce(io::Error) -> Self + '_ {
+        move |source| Self::Write { path: path.into(), source }
+    }
+
+    /// Whether the reader of our standard output has left, which is no fault.
+    pub fn is_closed_pipe(&self) -> bool {
+        matches!(self, Self::Write { source, path }
+            if source.kind() == io::ErrorKind::BrokenPipe && path == Path::new(STDOUT))
+    }
+}
+
+/// The name of standard output in messages.
+pub const STDOUT: &str = "standard output";
+
+/// What the user can do about a failed write.
+fn advice(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "; make room or write elsewhere, what was written before is kept"
+        }
+        io::ErrorKind::NotFound => "; make its folder first",
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            "; write to a folder of your own"
+        }
+        io::ErrorKind::NotADirectory | io::ErrorKind::AlreadyExists => {
+            "; a file stands where a folder is needed"
+        }
+        _ => "",
+    }
+}

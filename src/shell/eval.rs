@@ -1,0 +1,278 @@
+//! `lookout eval`: accuracy on a folder of clips. `lookout score`: the same for detections that are there already.
+
+use super::clips::{self, Clip};
+use super::detections::{self, TextFile};
+use super::error::Error;
+use super::interrupt::{self, Ended};
+use super::pipeline::{self, DetectorArgs, ModelFile};
+use super::replay::print_line;
+use super::score::{Found, Report, Scorer, WARMUP};
+use super::source;
+use crate::detector::Detections;
+use crate::model::Model;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::string::String;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::vec::Vec;
+use std::{eprintln, format, fs, thread};
+
+/// Intersections over union by which detections are judged.
+const IOUS: [f64; 2] = [0.5, 0.3];
+
+/// Which clips.
+#[derive(Debug, Clone, clap::Args)]
+pub struct SplitArgs {
+    /// Folder of clips, each with gt.txt and a video or pictures
+    #[arg(value_name = "DATA_SPLIT")]
+    data: PathBuf,
+    /// Only clips whose names contain one of these
+    #[arg(long, value_name = "TEXT", value_delimiter = ',')]
+    clips: Vec<String>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl SplitArgs {
+    fn clips(&self) -> Result<Vec<Clip>, Error> {
+        let mut clips = clips::clips(&self.data)?;
+        clips.retain(|clip| {
+            self.clips.is_empty() || self.clips.iter().any(|text| clip.name.contains(text))
+        });
+        if clips.is_empty() {
+            return Err(Error::NoClips { path: self.data.clone(), names: self.clips.clone() });
+        }
+        Ok(clips)
+    }
+}
+
+/// What `lookout eval` can be told.
+#[derive(Debug, Clone, clap::Args)]
+pub struct EvalArgs {
+    #[command(flatten)]
+    split: SplitArgs,
+    #[command(flatten)]
+    detector: DetectorArgs,
+    /// Write CLIP.txt (MOTChallenge) for every clip into this folder
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Clips to work on at a time; 0: one a processor core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    jobs: usize,
+}
+
+/// What `lookout score` can be told.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ScoreArgs {
+    #[command(flatten)]
+    split: SplitArgs,
+    /// Folder with CLIP.txt (MOTChallenge) for every clip; a clip without a file has no detections
+    #[arg(value_name = "DETECTIONS")]
+    detections: PathBuf,
+}
+
+/// What one clip gave.
+#[derive(Debug, Default)]
+struct ClipResult {
+    found: Vec<Found>,
+    scan: ScanCounts,
+}
+
+/// What the scan did, summed over frames.
+#[derive(Debug, Clone, Copy, Default)]
+struct ScanCounts {
+    frames: u64,
+    windows: u64,
+    kept: u64,
+    dropped: u64,
+    registered: u64,
+}
+
+impl ScanCounts {
+    fn add_frame(&mut self, detections: &Detections) {
+        self.frames += 1;
+        self.windows += u64::from(detections.windows);
+        self.kept += u64::from(detections.kept);
+        self.dropped += u64::from(detections.dropped);
+        self.registered += u64::from(detections.registered);
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.frames += other.frames;
+        self.windows += other.windows;
+        self.kept += other.kept;
+        self.dropped += other.dropped;
+        self.registered += other.registered;
+    }
+}
+
+/// The scan's figures as they are printed.
+#[derive(Debug, Serialize)]
+struct ScanFigures {
+    frames: u64,
+    windows_per_frame: f64,
+    windows_kept_per_frame: f64,
+    dropped: u64,
+    share_registered: f64,
+}
+
+impl From<ScanCounts> for ScanFigures {
+    fn from(counts: ScanCounts) -> Self {
+        let a_frame = |count: u64| count as f64 / counts.frames.max(1) as f64;
+        Self {
+            frames: counts.frames,
+            windows_per_frame: a_frame(counts.windows),
+            windows_kept_per_frame: a_frame(counts.kept),
+            dropped: counts.dropped,
+            share_registered: a_frame(counts.registered),
+        }
+    }
+}
+
+/// Runs the detector on every clip and prints the figures.
+///
+/// # Errors
+/// [`Error`] of the first clip in alphabetical order that has one; the files of complete clips stay.
+pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
+    let model = ModelFile::load(args.detector.model.as_deref())?;
+    let model = model.parse()?;
+    let clips = args.split.clips()?;
+    if let Some(out) = &args.out {
+        fs::create_dir_all(out).map_err(Error::write(out))?;
+    }
+    interrupt::watch()?;
+    let results = on_all_clips(&clips, args.jobs, &|clip| run_clip(clip, args, &model))?;
+    let Some(results) = results else {
+        eprintln!(
+            "lookout: interrupted; the files of the clips done so far are complete, no figures"
+        );
+        return Ok(Ended::Interrupted);
+    };
+    let mut counts = ScanCounts::default();
+    results.iter().for_each(|result| counts.add(&result.scan));
+    print(&reports(&clips, &results), Some(counts.into()), args.split.json)?;
+    Ok(Ended::Complete)
+}
+
+/// Prints the figures of detections in files.
+///
+/// # Errors
+/// [`Error`] naming the file and the line.
+pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
+    if !args.detections.is_dir() {
+        let source = fs::read_dir(&args.detections)
+            .err()
+            .unwrap_or(std::io::ErrorKind::NotADirectory.into());
+        return Err(Error::Read { path: args.detections.clone(), source });
+    }
+    let score = |clip: &Clip| {
+        let path = detections_path(&args.detections, clip);
+        let found = if path.exists() { detections::read_mot(&path)? } else { Vec::new() };
+        Ok(ClipResult { found, ..ClipResult::default() })
+    };
+    let clips = args.split.clips()?;
+    let results = clips.iter().map(score).collect::<Result<Vec<ClipResult>, Error>>()?;
+    print(&reports(&clips, &results), None, args.split.json)?;
+    Ok(Ended::Complete)
+}
+
+fn detections_path(folder: &Path, clip: &Clip) -> PathBuf {
+    folder.join(format!("{}.txt", clip.name))
+}
+
+fn run_clip(clip: &Clip, args: &EvalArgs, model: &Model<'_>) -> Result<ClipResult, Error> {
+    let input = format!("{}", clip.input.display());
+    let mut result = ClipResult::default();
+    let mut source = source::open(&input)?;
+    let path = args.out.as_deref().map(|out| detections_path(out, clip));
+    let mut file = path.as_deref().map(TextFile::create).transpose()?;
+    pipeline::run(&input, source.as_mut(), model, &args.detector, &mut |number, _, detections| {
+        result.scan.add_frame(detections);
+        result.found.extend(detections::found(number, detections));
+        match &mut file {
+            Some(file) => file.write(&detections::mot_lines(number, detections)),
+            None => Ok(()),
+        }
+    })?;
+    Ok(result)
+}
+
+/// The results of all clips in their order; none after Ctrl-C.
+fn on_all_clips(
+    clips: &[Clip],
+    jobs: usize,
+    work: &(dyn Fn(&Clip) -> Result<ClipResult, Error> + Sync),
+) -> Result<Option<Vec<ClipResult>>, Error> {
+    let cores = thread::available_parallelism().map_or(1, |n| n.get());
+    let jobs = if jobs == 0 { cores } else { jobs }.min(clips.len());
+    let next = AtomicUsize::new(0);
+    let failed = AtomicBool::new(false);
+    let results = Mutex::new(Vec::new());
+    let style = ProgressStyle::with_template("{wide_bar} {pos}/{len} clips, {eta} left {msg}")
+        .expect("the template is constant");
+    let bar = ProgressBar::new(clips.len() as u64).with_style(style);
+    let worker = || {
+        while !failed.load(Ordering::Relaxed) && !interrupt::requested() {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(clip) = clips.get(index) else { break };
+            let result = work(clip);
+            failed.fetch_or(result.is_err(), Ordering::Relaxed);
+            results.lock().unwrap_or_else(PoisonError::into_inner).push((index, result));
+            bar.inc(1);
+        }
+    };
+    thread::scope(|scope| {
+        // Clips side by side: each detector keeps to one thread.
+        let workers: Vec<_> =
+            (0..jobs).map(|_| scope.spawn(|| pipeline::on_threads(1, worker))).collect();
+        workers
+            .into_iter()
+            .try_for_each(|w| w.join().unwrap_or_else(|p| std::panic::resume_unwind(p)))
+    })?;
+    bar.finish_and_clear();
+    let mut results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
+    results.sort_by_key(|r| r.0);
+    let results = results.into_iter().map(|r| r.1).collect::<Result<Vec<_>, Error>>()?;
+    Ok((!interrupt::requested()).then_some(results))
+}
+
+fn reports(clips: &[Clip], results: &[ClipResult]) -> [Report; IOUS.len()] {
+    IOUS.map(|iou| {
+        let mut scorer = Scorer::new(iou, WARMUP);
+        for (clip, result) in clips.iter().zip(results) {
+            scorer.add_clip(&clip.ground_truth, &result.found);
+        }
+        scorer.report()
+    })
+}
+
+fn print(reports: &[Report], scan: Option<ScanFigures>, json: bool) -> Result<(), Error> {
+    if json {
+        #[derive(Serialize)]
+        struct All<'a> {
+            reports: &'a [Report],
+            #[serde(skip_serializing_if = "Option::is_none")]
+            scan: Option<ScanFigures>,
+        }
+        let all = All { reports, scan };
+        return print_line(
+            &serde_json::to_string(&all).expect("numbers and names always make JSON"),
+        );
+    }
+    for report in reports {
+        print_line(&format!("{report}\n"))?;
+    }
+    if let Some(scan) = scan {
+        print_line(&format!(
+            "windows_per_frame: {:.1}\nwindows_kept_per_frame: {:.2}\ndropped: {}\nshare_registered: {:.3}",
+            scan.windows_per_frame,
+            scan.windows_kept_per_frame,
+            scan.dropped,
+            scan.share_registered
+        ))?;
+    }
+    Ok(())
+}

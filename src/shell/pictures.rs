@@ -1,0 +1,210 @@
+//! Pictures written as numbered PNG files or as a video through `ffmpeg`.
+
+use super::annotate::Picture;
+use super::error::Error;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::string::{String, ToString};
+use std::thread::JoinHandle;
+use std::vec::Vec;
+use std::{format, fs, thread};
+
+/// Where pictures go.
+#[derive(Debug)]
+pub enum Pictures {
+    /// `000001.png`, `000002.png`, .. in a folder.
+    Folder(PathBuf),
+    /// A video file.
+    Video(Video),
+}
+
+impl Pictures {
+    /// A video if the name ends in `.mp4`, else a folder, which is made if it does not exist.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn create(path: &Path) -> Result<Self, Error> {
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4")) {
+            // Told now rather than by the encoder after some frames.
+            fs::File::create(path).map_err(Error::write(path))?;
+            Ok(Self::Video(Video { path: path.into(), state: State::Empty }))
+        } else {
+            fs::create_dir_all(path).map_err(Error::write(path))?;
+            Ok(Self::Folder(path.into()))
+        }
+    }
+
+    /// Writes the picture of frame `number` (from 1), taken at `time_us`.
+    ///
+    /// # Errors
+    /// [`Error::Write`], [`Error::Encoder`]; the pictures before stay as they are.
+    pub fn write(&mut self, number: u64, time_us: i64, picture: &Picture) -> Result<(), Error> {
+        match self {
+            Self::Folder(folder) => write_png(&folder.join(format!("{number:06}.png")), picture),
+            Self::Video(video) => video.write(time_us, picture),
+        }
+    }
+
+    /// Completes the video.
+    ///
+    /// # Errors
+    /// [`Error::Encoder`].
+    pub fn finish(self) -> Result<(), Error> {
+        match self {
+            Self::Folder(_) => Ok(()),
+            Self::Video(video) => video.finish(),
+        }
+    }
+}
+
+fn write_png(path: &Path, picture: &Picture) -> Result<(), Error> {
+    let mut bytes = Vec::new();
+    let (width, height) = (picture.width as u32, picture.height as u32);
+    PngEncoder::new(&mut bytes)
+        .write_image(&picture.rgb, width, height, ExtendedColorType::Rgb8)
+        .map_err(|e| Error::Write { path: path.into(), source: io::Error::other(e) })?;
+    fs::write(path, bytes).map_err(|source| {
+        // Half a picture is of no use; the error that is told is the first one.
+        let _ = fs::remove_file(path);
+        Error::Write { path: path.into(), source }
+    })
+}
+
+/// A video file being written.
+#[derive(Debug)]
+pub struct Video {
+    path: PathBuf,
+    state: State,
+}
+
+#[derive(Debug)]
+enum State {
+    Empty,
+    /// The frame rate is known with the second frame only.
+    First {
+        time_us: i64,
+        picture: Picture,
+    },
+    Running(Encoder),
+}
+
+/// Frames a second of a video of one frame.
+const DEFAULT_RATE: f64 = 30.0;
+
+impl Video {
+    fn write(&mut self, time_us: i64, picture: &Picture) -> Result<(), Error> {
+        match &mut self.state {
+            State::Empty => {
+                self.state = State::First { time_us, picture: picture.clone() };
+                Ok(())
+            }
+            State::First { time_us: first_us, picture: first } => {
+                let rate = 1e6 / time_us.saturating_sub(*first_us).max(1) as f64;
+                let mut encoder = Encoder::start(&self.path, first, rate.clamp(1.0, 1000.0))?;
+                let written = encoder.write(first).and_then(|()| encoder.write(picture));
+                self.state = State::Running(encoder);
+                self.told(written)
+            }
+            State::Running(encoder) => {
+                let written = encoder.write(picture);
+                self.told(written)
+            }
+        }
+    }
+
+    /// The encoder's own words where a write to it failed.
+    fn told(&mut self, written: io::Result<()>) -> Result<(), Error> {
+        let Err(error) = written else { return Ok(()) };
+        match std::mem::replace(&mut self.state, State::Empty) {
+            State::Running(encoder) => encoder.finish(&self.path)?,
+            State::Empty | State::First { .. } => {}
+        }
+        Err(Error::Encoder { path: self.path.clone(), reason: format!("ffmpeg: {error}") })
+    }
+
+    fn finish(self) -> Result<(), Error> {
+        match self.state {
+            State::Empty => Ok(()),
+            State::First { picture, .. } => {
+                let mut encoder = Encoder::start(&self.path, &picture, DEFAULT_RATE)?;
+                let mut video = Self { path: self.path, state: State::Empty };
+                let written = encoder.write(&picture);
+                video.state = State::Running(encoder);
+                video.told(written)?;
+                video.finish()
+            }
+            State::Running(encoder) => encoder.finish(&self.path),
+        }
+    }
+}
+
+/// A running `ffmpeg`.
+#[derive(Debug)]
+struct Encoder {
+    child: Child,
+    input: ChildStdin,
+    complaints: JoinHandle<String>,
+}
+
+impl Encoder {
+    fn start(path: &Path, picture: &Picture, rate: f64) -> Result<Self, Error> {
+        let size = format!("{}x{}", picture.width, picture.height);
+        let mut command = Command::new("ffmpeg");
+        command
+            .args(["-v", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
+            .args(["-video_size", &size, "-framerate", &format!("{rate:.3}"), "-i", "-"])
+            // Its codec wants even sizes.
+            .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-g", "30"])
+            // In pieces that can be played even if the end is missing.
+            .args(["-movflags", "frag_keyframe+empty_moov+default_base_moof", "-f", "mp4"])
+            .arg(Path::new(".").join(path))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped());
+        // Out of reach of the terminal's Ctrl-C: it is to write the video to its end.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let reason = |e: &io::Error| {
+            match e.kind() {
+            io::ErrorKind::NotFound => {
+                "writing a video needs ffmpeg; install it (apt-get install ffmpeg), or name a folder for PNG pictures".into()
+            }
+            _ => format!("cannot start ffmpeg: {e}"),
+        }
+        };
+        let mut child = command
+            .spawn()
+            .map_err(|e| Error::Encoder { path: path.into(), reason: reason(&e) })?;
+        let (input, stderr) = child.stdin.take().zip(child.stderr.take()).expect("both are piped");
+        let complaints = thread::spawn(move || {
+            let mut bytes = Vec::new();
+            // What can be read of its words is enough.
+            let _ = io::BufReader::new(stderr).read_to_end(&mut bytes);
+            String::from_utf8_lossy(&bytes).into_owned()
+        });
+        Ok(Self { child, input, complaints })
+    }
+
+    fn write(&mut self, picture: &Picture) -> io::Result<()> {
+        self.input.write_all(&picture.rgb)
+    }
+
+    /// Waits for the end of the video.
+    fn finish(mut self, path: &Path) -> Result<(), Error> {
+        drop(self.input);
+        let status = self.child.wait();
+        let complaints = self.complaints.join().unwrap_or_default();
+        let failed = |reason: String| Err(Error::Encoder { path: path.into(), reason });
+        match status {
+            Ok(status) if status.success() => Ok(()),
+            Ok(status) => {
+                let words = complaints.lines().rfind(|line| !line.trim().is_empty());
+                failed(format!("ffmpeg: {}", words.unwrap_or(&status.to_string())))
+            }
+            Err(error) => failed(format!("ffmpeg: {error}")),
+        }
+    }
+}

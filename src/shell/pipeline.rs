@@ -1,0 +1,205 @@
+//! From a source through the detector: the model's bytes, the detector's memory, the loop over frames.
+
+use super::error::Error;
+use super::interrupt::{self, Ended};
+use super::source::{Frame, FrameSource};
+use crate::detector::{Buffers, Config, Detections, Detector};
+use crate::model::Model;
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+use std::string::String;
+use std::vec::Vec;
+use std::{format, fs, vec};
+
+/// The model that stands in the program itself.
+static SHIPPED: &[u8] = include_bytes!("../../models/lookout.lkm");
+
+/// What every verb that runs the detector can be told.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct DetectorArgs {
+    /// Model file (default: the one shipped in this program)
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Report detections of this score or more (default: the detector's own)
+    #[arg(long, value_name = "SCORE", allow_negative_numbers = true, value_parser = parse_score)]
+    pub threshold: Option<i32>,
+    /// Ablation: do not align older frames to the newest one
+    #[arg(long)]
+    pub no_registration: bool,
+    /// Ablation: do not keep the object in the middle of every slice (Algorithm 1)
+    #[arg(long)]
+    pub no_compensation: bool,
+    /// Ablation: let the scan's own score stand
+    #[arg(long)]
+    pub no_stcube: bool,
+}
+
+impl DetectorArgs {
+    /// The configuration for frames of this size.
+    pub fn config(&self, width: usize, height: usize) -> Config {
+        let mut config = Config::new(width, height);
+        config.threshold = self.threshold.unwrap_or(config.threshold);
+        config.registration = !self.no_registration;
+        config.compensation = !self.no_compensation;
+        config.stcube = !self.no_stcube;
+        config
+    }
+}
+
+/// A score as the user writes it, in the detector's units (Q16).
+fn parse_score(text: &str) -> Result<i32, String> {
+    let score: f64 = text.parse().map_err(|_| format!("'{text}' is not a number"))?;
+    let bits = (score * 65536.0).round();
+    if bits >= f64::from(i32::MIN) && bits <= f64::from(i32::MAX) {
+        Ok(bits as i32)
+    } else {
+        Err(format!("{text} is not between -32768 and 32767"))
+    }
+}
+
+/// The bytes of a model and where they are from.
+#[derive(Debug, Clone)]
+pub struct ModelFile {
+    name: String,
+    bytes: Cow<'static, [u8]>,
+}
+
+impl ModelFile {
+    /// Reads a file, or takes the shipped model.
+    ///
+    /// # Errors
+    /// [`Error::Read`].
+    pub fn load(path: Option<&Path>) -> Result<Self, Error> {
+        match path {
+            Some(path) => {
+                let bytes = fs::read(path).map_err(Error::read(path))?.into();
+                Ok(Self { name: format!("{}", path.display()), bytes })
+            }
+            None => Ok(Self { name: "the shipped model".into(), bytes: SHIPPED.into() }),
+        }
+    }
+
+    /// The checked model.
+    ///
+    /// # Errors
+    /// [`Error::Model`].
+    pub fn parse(&self) -> Result<Model<'_>, Error> {
+        Model::parse(&self.bytes).map_err(|source| Error::Model { name: self.name.clone(), source })
+    }
+}
+
+/// The memory of one detector.
+#[derive(Debug)]
+pub struct Memory {
+    bytes: Vec<u8>,
+    words: Vec<u16>,
+}
+
+impl Memory {
+    /// As much as `config` needs.
+    pub fn new(config: &Config) -> Self {
+        Self { bytes: vec![0; config.bytes_len()], words: vec![0; config.words_len()] }
+    }
+
+    /// Its size in bytes.
+    pub fn len_bytes(&self) -> usize {
+        self.bytes.len() + size_of_val(self.words.as_slice())
+    }
+
+    /// A detector in this memory.
+    ///
+    /// # Errors
+    /// As [`Detector::new`].
+    pub fn detector<'m>(
+        &mut self,
+        model: &Model<'m>,
+        config: Config,
+    ) -> Result<Detector<'m, '_>, crate::detector::Error> {
+        Detector::new(model, config, Buffers { bytes: &mut self.bytes, words: &mut self.words })
+    }
+}
+
+/// Runs a detector over all frames; `each` gets the frame's number (from 1), the frame and what was found in it.
+///
+/// # Errors
+/// Those of the source, of the detector and of `each`; [`Error::NoFrames`]. `each` has seen every frame before.
+pub fn run(
+    input: &str,
+    source: &mut dyn FrameSource,
+    model: &Model<'_>,
+    args: &DetectorArgs,
+    each: &mut dyn FnMut(u64, &Frame, &Detections) -> Result<(), Error>,
+) -> Result<Ended, Error> {
+    let mut frame = Frame::default();
+    if !source.next_frame(&mut frame)? {
+        return Err(Error::NoFrames { input: input.into() });
+    }
+    let config = args.config(frame.width, frame.height);
+    let mut memory = Memory::new(&config);
+    tracing::debug!(input, ?config, bytes = memory.len_bytes(), "detector");
+    let refused = |frame| move |source| Error::Detector { input: input.into(), frame, source };
+    let mut detector = memory.detector(model, config).map_err(refused(1))?;
+    for number in 1.. {
+        let detections = detector.process(frame.view(), frame.time_us).map_err(refused(number))?;
+        tracing::trace!(number, frame.time_us, found = detections.list.len(), "frame");
+        each(number, &frame, &detections)?;
+        match source.next_frame(&mut frame) {
+            // A decoder of ours may have ended by the same Ctrl-C: no fault of the file.
+            _ if interrupt::requested() => return Ok(Ended::Interrupted),
+            Ok(true) => {}
+            Ok(false) => break,
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Ok(Ended::Complete)
+}
+
+/// Does `work` where the core finds so many threads; 0: one a processor core.
+///
+/// # Errors
+/// [`Error::Threads`].
+pub fn on_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> Result<R, Error> {
+    #[cfg(feature = "rayon")]
+    {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        let reason = |e| Error::Threads { threads, reason: format!("{e}") };
+        Ok(pool.map_err(reason)?.install(work))
+    }
+    #[cfg(not(feature = "rayon"))]
+    {
+        if threads > 1 {
+            tracing::warn!(threads, "built without the feature rayon: one thread");
+        }
+        Ok(work())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scores_of_the_command_line() {
+        assert_eq!(parse_score("-1.5"), Ok(-98304));
+        assert_eq!(parse_score("0.00001"), Ok(1));
+        for bad in ["x", "nan", "inf", "32768", "-32769"] {
+            assert!(parse_score(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn switches_reach_the_configuration() {
+        let all = DetectorArgs::default().config(64, 48);
+        assert_eq!(all, Config::new(64, 48));
+        let args = DetectorArgs {
+            threshold: Some(5),
+            no_registration: true,
+            no_compensation: true,
+            no_stcube: true,
+            ..Default::default()
+        };
+        let none =
+            Config { threshold: 5, registration: false, compensation: false, stcube: false, ..all };
+        assert_eq!(args.config(64, 48), none);
+    }
+}

@@ -1,0 +1,196 @@
+//! `lookout replay`: a recorded or simulated flight through the detector.
+
+use super::annotate::Picture;
+use super::detections::{self, TextFile};
+use super::digest::Digest;
+use super::error::{Error, STDOUT};
+use super::flight::FlightArgs;
+use super::interrupt::{self, Ended};
+use super::pictures::Pictures;
+use super::pipeline::{self, DetectorArgs, ModelFile};
+use super::source::Frame;
+use crate::detector::{Detection, Detections};
+use crate::model::Model;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::string::String;
+use std::time::Instant;
+use std::{eprintln, format};
+
+/// What `lookout replay` can be told.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ReplayArgs {
+    /// Folder of PNG, JPEG or PGM pictures, .y4m, - (y4m on standard input), or any video ffmpeg reads; none: a simulated flight
+    #[arg(value_name = "INPUT")]
+    input: Option<String>,
+    #[command(flatten)]
+    flight: FlightArgs,
+    #[command(flatten)]
+    detector: DetectorArgs,
+    /// Write detections in MOTChallenge form: frame,-1,left,top,width,height,score
+    #[arg(long, value_name = "FILE")]
+    detections: Option<PathBuf>,
+    /// Write a line of JSON a frame
+    #[arg(long, value_name = "FILE")]
+    jsonl: Option<PathBuf>,
+    /// Draw boxes, scores and motion: PNG pictures in a folder, or a video through ffmpeg
+    #[arg(long, value_name = "DIR|FILE.mp4")]
+    annotate: Option<PathBuf>,
+    /// Print a CRC-64 of all detections
+    #[arg(long)]
+    digest: bool,
+    /// Threads to use; 1: none beside the main one, 0: one a processor core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    threads: usize,
+}
+
+/// Replays a flight.
+///
+/// # Errors
+/// [`Error`]; what was written before stays.
+pub fn run(args: &ReplayArgs) -> Result<Ended, Error> {
+    let model = ModelFile::load(args.detector.model.as_deref())?;
+    let model = model.parse()?;
+    interrupt::watch()?;
+    pipeline::on_threads(args.threads, || replay(args, &model))?
+}
+
+fn replay(args: &ReplayArgs, model: &Model<'_>) -> Result<Ended, Error> {
+    let input = args.input.as_deref();
+    let mut source = args.flight.open(input)?;
+    let mut outputs = Outputs::create(args)?;
+    let bar = progress(source.frame_count());
+    let mut each = |number, frame: &Frame, detections: &Detections| {
+        bar.inc(1);
+        outputs.take(number, frame, detections)
+    };
+    let name = args.flight.name(input);
+    let ended = pipeline::run(&name, source.as_mut(), model, &args.detector, &mut each);
+    bar.finish_and_clear();
+    outputs.finish(ended)
+}
+
+fn progress(frames: Option<u64>) -> ProgressBar {
+    let (bar, template) = match frames {
+        Some(frames) => (
+            ProgressBar::new(frames),
+            "{wide_bar} {pos}/{len} frames, {per_sec} frames a second, {eta} left",
+        ),
+        None => (ProgressBar::new_spinner(), "{spinner} {pos} frames, {per_sec} frames a second"),
+    };
+    let style = ProgressStyle::with_template(template).expect("the templates are constant");
+    // indicatif's own unit says only `/s`.
+    bar.with_style(style.with_key(
+        "per_sec",
+        |state: &indicatif::ProgressState, w: &mut dyn std::fmt::Write| {
+            let _ = write!(w, "{:.1}", state.per_sec());
+        },
+    ))
+}
+
+/// Everything the user asked for, fed frame by frame.
+struct Outputs {
+    mot: Option<TextFile>,
+    jsonl: Option<TextFile>,
+    pictures: Option<Pictures>,
+    digest: Option<Digest>,
+    /// Nothing was asked for: detections are told in words.
+    tell: bool,
+    picture: Picture,
+    frames: u64,
+    found: u64,
+    dropped: u64,
+    start: Instant,
+}
+
+impl Outputs {
+    fn create(args: &ReplayArgs) -> Result<Self, Error> {
+        let create = |path: &Option<PathBuf>| path.as_deref().map(TextFile::create).transpose();
+        let outputs = Self {
+            mot: create(&args.detections)?,
+            jsonl: create(&args.jsonl)?,
+            pictures: args.annotate.as_deref().map(Pictures::create).transpose()?,
+            digest: args.digest.then(Digest::default),
+            tell: false,
+            picture: Picture::default(),
+            frames: 0,
+            found: 0,
+            dropped: 0,
+            start: Instant::now(),
+        };
+        let asked = outputs.mot.is_some()
+            || outputs.jsonl.is_some()
+            || outputs.pictures.is_some()
+            || outputs.digest.is_some();
+        Ok(Self { tell: !asked, ..outputs })
+    }
+
+    fn take(&mut self, number: u64, frame: &Frame, found: &Detections) -> Result<(), Error> {
+        self.frames = number;
+        self.found += found.list.len() as u64;
+        self.dropped += u64::from(found.dropped);
+        if let Some(mot) = &mut self.mot {
+            mot.write(&detections::mot_lines(number, found))?;
+        }
+        if let Some(jsonl) = &mut self.jsonl {
+            jsonl.write(&detections::json_line(number, frame.time_us, found))?;
+        }
+        if let Some(pictures) = &mut self.pictures {
+            self.picture.annotate(frame, found);
+            pictures.write(number, frame.time_us, &self.picture)?;
+        }
+        if let Some(digest) = &mut self.digest {
+            digest.update(found);
+        }
+        if self.tell {
+            for detection in &found.list {
+                print_line(&in_words(number, frame.time_us, detection))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Completes the files also after an error; the first error is told.
+    fn finish(self, ended: Result<Ended, Error>) -> Result<Ended, Error> {
+        let completed = self.pictures.map_or(Ok(()), Pictures::finish);
+        let ended = ended?;
+        completed?;
+        let Self { frames, found, dropped, .. } = self;
+        if let Some(digest) = self.digest.filter(|_| ended == Ended::Complete) {
+            print_line(&format!("{:016x}", digest.value()))?;
+        }
+        let rate = frames as f64 / self.start.elapsed().as_secs_f64();
+        let lost = if dropped > 0 { format!(" ({dropped} found no room)") } else { String::new() };
+        eprintln!("{frames} frames, {found} detections{lost}, {rate:.1} frames a second");
+        if ended == Ended::Interrupted {
+            eprintln!(
+                "lookout: interrupted after frame {frames}; what was written is complete up to there"
+            );
+        }
+        Ok(ended)
+    }
+}
+
+/// `frame 12, 0.367 s: 14.0x9.5 px at (120.0, 33.5), score 3.21, moving (+1.2, -0.4) px a frame`.
+fn in_words(number: u64, time_us: i64, detection: &Detection) -> String {
+    let [x, y, width, height] = detections::rect(detection).map(|v| v.to_f64());
+    let score = detections::Decimal::score(detection.score).to_f64();
+    let oldest = detection.shifts[detection.shifts.len() - 1];
+    let per_frame =
+        |shift: fixed::types::I28F4| 0.0 - shift.to_num::<f64>() / detection.shifts.len() as f64;
+    let (vx, vy) = (per_frame(oldest.x), per_frame(oldest.y));
+    let seconds = time_us as f64 / 1e6;
+    format!(
+        "frame {number}, {seconds:.3} s: {width:.1}x{height:.1} px at ({x:.1}, {y:.1}), score {score:.2}, \
+         moving ({vx:+.1}, {vy:+.1}) px a frame"
+    )
+}
+
+/// A line on standard output.
+///
+/// # Errors
+/// [`Error::Write`]; [`Error::is_closed_pipe`] tells when nobody reads any more.
+pub fn print_line(line: &str) -> Result<(), Error> {
+    writeln!(io::stdout().lock(), "{line}").map_err(Error::write(Path::new(STDOUT)))
+}
