@@ -154,7 +154,7 @@ pub struct Shift {
 pub struct Detection {
     /// Its box in the frame.
     pub rect: Rect,
-    /// How sure the detector is: log-odds in Q8, larger is surer; any sign.
+    /// How sure the detector is: log-odds in Q16, larger is surer; any sign.
     pub score: i32,
     /// Where the object's centre was 1, 2, .. frames ago, relative to its centre now.
     pub shifts: [Shift; SLICES - 1],
@@ -211,7 +211,7 @@ pub struct Detections {
 type Kept = BinaryHeap<(i32, Reverse<(i16, i16)>), Min, MAX_CANDIDATES>;
 
 /// Windows of all levels.
-type Candidates = heapless::Vec<Candidate, { 4 * MAX_CANDIDATES }>;
+pub type Candidates = heapless::Vec<Candidate, { 4 * MAX_CANDIDATES }>;
 
 /// Finds flying objects in the frames of one camera.
 #[derive(Debug)]
@@ -294,7 +294,8 @@ impl<'m, 'b> Detector<'m, 'b> {
             return Err(Error::FrameSize { width: frame.width(), height: frame.height() });
         }
         let Self { model, config, front, buffers } = self;
-        front.push(frame, buffers.bytes, &mut || observer(Stage::Registration));
+        front.take(frame, buffers.bytes);
+        front.build(frame, buffers.bytes, &mut || observer(Stage::Registration));
         let mut pyramid = front.pyramid(buffers.bytes, buffers.words);
         each_level(&mut pyramid, |level| front.fill_tables(level));
         let noise = FrontEnd::noise(&pyramid);
@@ -331,8 +332,8 @@ impl<'m, 'b> Detector<'m, 'b> {
     }
 }
 
-/// The windows that the scan hands on, best first.
-fn scan(
+/// The windows that the scan hands on, best first. The pyramid's maps must be filled.
+pub fn scan(
     model: &Model<'_>,
     config: &Config,
     pyramid: &Pyramid<'_>,
@@ -418,6 +419,8 @@ fn judge(
     let path = cut(model, config, front, level, candidate, cube);
     let test = |feature, threshold| model.features().exceeds(feature, threshold, cube);
     let score = if config.stcube { model.cube().cascade(test)? } else { candidate.score };
+    // Leaves are in Q8.
+    let score = score.saturating_mul(256);
     if score < config.threshold {
         return None;
     }

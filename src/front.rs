@@ -93,15 +93,14 @@ impl FrontEnd {
         self.motions[0].is_valid()
     }
 
-    /// Takes in one frame: measures its motion and fills pictures of all levels. Then fill each level with
-    /// [`FrontEnd::fill_tables`] and [`FrontEnd::fill_map`], in any order of levels. Panics if the frame has another
-    /// size or the memory is not that of the last call.
-    pub fn push(&mut self, frame: Image<'_>, bytes: &mut [u8], observer: &mut dyn FnMut()) {
+    /// Takes in one frame and measures its motion. Panics if the frame has another size or the memory is not that of
+    /// the last call.
+    pub fn take(&mut self, frame: Image<'_>, bytes: &mut [u8]) {
         let (width, height) = (self.width, self.height);
         let pixels = width * height;
         self.slot = (self.slot + 1) % SLICES;
         self.seen = (self.seen + 1).min(SLICES);
-        let Divided { frames, warped, differences, registration, levels } = self.divide(bytes);
+        let Divided { frames, registration, .. } = self.divide(bytes);
         let newest = &mut frames[self.slot * pixels..(self.slot + 1) * pixels];
         for y in 0..height {
             newest[y * width..(y + 1) * width].copy_from_slice(frame.row(y));
@@ -111,6 +110,15 @@ impl FrontEnd {
             self.motions.copy_within(..SLICES - 2, 1);
             self.motions[0] = motion;
         }
+    }
+
+    /// Takes the differences of the frame just taken to older ones and fills the pictures of all levels; `observer`
+    /// hears when the differences are there. Then fill each level with [`FrontEnd::fill_tables`] and
+    /// [`FrontEnd::fill_map`], in any order of levels. Panics as [`FrontEnd::take`].
+    pub fn build(&self, frame: Image<'_>, bytes: &mut [u8], observer: &mut dyn FnMut()) {
+        let (width, height) = (self.width, self.height);
+        let pixels = width * height;
+        let Divided { frames, warped, differences, levels, .. } = self.divide(bytes);
         let picture = |pixels| {
             Image::packed(pixels, width, height).expect("buffers are made for the frame's size")
         };
