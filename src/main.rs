@@ -4,7 +4,7 @@ use clap::Parser;
 use lookout::shell::cli::{Cli, Verb};
 use lookout::shell::error::Error;
 use lookout::shell::interrupt::{self, Ended};
-use lookout::shell::{bench, eval, replay, simulate};
+use lookout::shell::{bench, eval, replay};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -32,6 +32,5 @@ fn dispatch(verb: &Verb) -> Result<Ended, Error> {
         Verb::Eval(args) => eval::run(args),
         Verb::Score(args) => eval::run_score(args),
         Verb::Bench(args) => bench::run(args),
-        Verb::Simulate(args) => simulate::run(args),
     }
 }

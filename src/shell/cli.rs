@@ -1,6 +1,6 @@
 //! The command line: verbs and what they take.
 
-use super::{bench, eval, replay, simulate};
+use super::{bench, eval, replay};
 use clap::{Parser, Subcommand};
 use std::format;
 
@@ -25,6 +25,4 @@ pub enum Verb {
     Score(eval::ScoreArgs),
     /// Measure speed and memory
     Bench(bench::BenchArgs),
-    /// Render a flight: frames and ground truth
-    Simulate(simulate::SimulateArgs),
 }

@@ -1,7 +1,7 @@
 //! Detections as text: MOTChallenge and JSON Lines.
 //!
 //! Numbers are printed from the detector's integers: boxes exactly (sixteenths have four decimals), scores with six decimals, which
-//! keep every Q16 value apart. A frame is written in one piece, so that a run that is cut off leaves whole lines.
+//! keep all scores apart. A frame is written in one piece, so that a run that is cut off leaves whole lines.
 
 use super::error::Error;
 use super::score::Found;
@@ -16,6 +16,9 @@ use std::string::String;
 use std::vec::Vec;
 use std::{format, fs, io};
 
+/// Fractional bits of [`Detection::score`].
+pub const SCORE_BITS: u32 = 8;
+
 /// A fixed-point number as a decimal: `units` / 10^`digits`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Decimal {
@@ -29,9 +32,10 @@ impl Decimal {
         Self { units: i64::from(value.to_bits()) * 625, digits: 4 }
     }
 
-    /// A Q16 score, rounded to the nearest millionth, ties upwards.
+    /// A score, rounded to the nearest millionth, ties upwards.
     pub fn score(bits: i32) -> Self {
-        Self { units: (i64::from(bits) * 1_000_000 + (1 << 15)) >> 16, digits: 6 }
+        let half = 1 << (SCORE_BITS - 1);
+        Self { units: (i64::from(bits) * 1_000_000 + half) >> SCORE_BITS, digits: 6 }
     }
 
     /// The nearest `f64`, which is also what reading the printed decimal gives.
@@ -215,7 +219,7 @@ mod tests {
 
     #[test]
     fn lines_by_hand() {
-        let detections = one([-1, 33, 160, 8], -(1 << 15));
+        let detections = one([-1, 33, 160, 8], -(1 << (SCORE_BITS - 1)));
         assert_eq!(mot_lines(7, &detections), "7,-1,-0.0625,2.0625,10.0000,0.5000,-0.500000\n");
         assert_eq!(
             json_line(7, 200_000, &detections),
@@ -254,7 +258,7 @@ mod tests {
             prop_assert_eq!(read[0].rect, rect.map(|v| f64::from(v) / 16.0));
             // Six decimals keep neighbouring scores apart and in order.
             prop_assert!(Decimal::score(score).units < Decimal::score(score.saturating_add(1)).units || score == i32::MAX);
-            prop_assert!((read[0].score - f64::from(score) / 65536.0).abs() <= 0.5e-6 + 1e-12 * read[0].score.abs());
+            prop_assert!((read[0].score - f64::from(score) / f64::from(1 << SCORE_BITS)).abs() <= 0.5e-6 + 1e-12 * read[0].score.abs());
         }
     }
 }

@@ -19,7 +19,10 @@ impl FlightArgs {
     /// # Errors
     /// [`Error::Source`].
     pub fn open(&self, input: Option<&str>) -> Result<Box<dyn FrameSource>, Error> {
-        Ok(source::open(input.unwrap())?)
+        match input {
+            Some(input) => Ok(source::open(input)?),
+            None => Err(Error::NoFrames { input: self.name(None) }),
+        }
     }
 
     /// What errors call it.

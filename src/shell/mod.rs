@@ -1,4 +1,17 @@
 //! The shell: everything that needs an operating system (level 8).
 
+pub mod annotate;
+pub mod bench;
+pub mod cli;
 pub mod clips;
+pub mod detections;
+pub mod digest;
+pub mod error;
+pub mod eval;
+pub mod flight;
+pub mod interrupt;
+pub mod pictures;
+pub mod pipeline;
+pub mod replay;
+pub mod score;
 pub mod source;

@@ -1,5 +1,6 @@
 //! From a source through the detector: the model's bytes, the detector's memory, the loop over frames.
 
+use super::detections::SCORE_BITS;
 use super::error::Error;
 use super::interrupt::{self, Ended};
 use super::source::{Frame, FrameSource};
@@ -20,7 +21,7 @@ pub struct DetectorArgs {
     /// Model file (default: the one shipped in this program)
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Report detections of this score or more (default: the detector's own)
+    /// Report detections of this score or more (default: 0 in replay, else all)
     #[arg(long, value_name = "SCORE", allow_negative_numbers = true, value_parser = parse_score)]
     pub threshold: Option<i32>,
     /// Ablation: do not align older frames to the newest one
@@ -46,14 +47,16 @@ impl DetectorArgs {
     }
 }
 
-/// A score as the user writes it, in the detector's units (Q16).
+/// A score as the user writes it, in the detector's units.
 fn parse_score(text: &str) -> Result<i32, String> {
     let score: f64 = text.parse().map_err(|_| format!("'{text}' is not a number"))?;
-    let bits = (score * 65536.0).round();
-    if bits >= f64::from(i32::MIN) && bits <= f64::from(i32::MAX) {
+    let one = f64::from(1 << SCORE_BITS);
+    let bits = (score * one).round();
+    let (low, high) = (f64::from(i32::MIN), f64::from(i32::MAX));
+    if (low..=high).contains(&bits) {
         Ok(bits as i32)
     } else {
-        Err(format!("{text} is not between -32768 and 32767"))
+        Err(format!("{text} is not between {} and {}", low / one, (high / one).floor()))
     }
 }
 
@@ -180,9 +183,9 @@ mod tests {
 
     #[test]
     fn scores_of_the_command_line() {
-        assert_eq!(parse_score("-1.5"), Ok(-98304));
-        assert_eq!(parse_score("0.00001"), Ok(1));
-        for bad in ["x", "nan", "inf", "32768", "-32769"] {
+        assert_eq!(parse_score("-1.5"), Ok(-3 << (SCORE_BITS - 1)));
+        assert_eq!(parse_score("0.0039"), Ok(1));
+        for bad in ["x", "nan", "inf", "1e10", "-1e10"] {
             assert!(parse_score(bad).is_err(), "{bad}");
         }
     }

@@ -50,10 +50,13 @@ pub struct ReplayArgs {
 /// # Errors
 /// [`Error`]; what was written before stays.
 pub fn run(args: &ReplayArgs) -> Result<Ended, Error> {
+    let mut args = args.clone();
+    // A person looks at these: what is more likely than not.
+    args.detector.threshold.get_or_insert(0);
     let model = ModelFile::load(args.detector.model.as_deref())?;
     let model = model.parse()?;
     interrupt::watch()?;
-    pipeline::on_threads(args.threads, || replay(args, &model))?
+    pipeline::on_threads(args.threads, || replay(&args, &model))?
 }
 
 fn replay(args: &ReplayArgs, model: &Model<'_>) -> Result<Ended, Error> {

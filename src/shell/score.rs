@@ -6,6 +6,7 @@
 
 use super::clips::{GroundTruth, TruthBox};
 use serde::ser::{Serialize, SerializeMap, Serializer};
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::string::String;
@@ -84,7 +85,7 @@ impl Scorer {
         }
         let warmup = self.warmup;
         for (frame, mut found) in frames.into_iter().filter(|f| f.0 > warmup) {
-            found.sort_by(|a, b| b.score.total_cmp(&a.score));
+            found.sort_by(|a, b| surest_first(b.score, a.score));
             self.add_frame(truth.frame(frame), &found);
         }
     }
@@ -131,7 +132,7 @@ impl Scorer {
     /// The figures of all clips together.
     pub fn report(mut self) -> Report {
         let positives: usize = self.sizes.iter().map(|s| s.targets).sum();
-        self.outcomes.sort_by(|a, b| b.0.total_cmp(&a.0));
+        self.outcomes.sort_by(|a, b| surest_first(b.0, a.0));
         let curve = curve(&self.outcomes, positives);
         let share = |name: String, tally: &Tally| Share {
             name,
@@ -168,6 +169,11 @@ fn must_be_found(target: &TruthBox) -> bool {
     target.class != BIRD
         && target.visibility >= 1.0
         && target.width.max(target.height) >= MIN_TARGET
+}
+
+/// Read scores are finite; equal ones keep their order.
+fn surest_first(b: f64, a: f64) -> Ordering {
+    b.partial_cmp(&a).unwrap_or(Ordering::Equal)
 }
 
 fn rect(target: &TruthBox) -> Box4 {

@@ -1,0 +1,285 @@
+//! The built program: what it writes, and how it ends on bad input.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use tempfile::TempDir;
+
+const WIDTH: usize = 40;
+const HEIGHT: usize = 30;
+
+fn lookout(args: &[&str], input: &[u8]) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_lookout"))
+        .args(args)
+        .env_remove("LOOKOUT_LOG")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The program may end before it has read everything.
+    let _ = child.stdin.take().unwrap().write_all(input);
+    child.wait_with_output().unwrap()
+}
+
+/// The one line of a failed run, without `lookout: `.
+fn complaint(output: &Output) -> String {
+    let text = String::from_utf8(output.stderr.clone()).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    let lines: Vec<&str> = text.lines().filter(|line| line.starts_with("lookout: ")).collect();
+    assert_eq!(lines.len(), 1, "{text}");
+    assert_eq!(text.lines().count(), 1, "{text}");
+    assert!(!text.contains("panicked"), "{text}");
+    lines[0]["lookout: ".len()..].to_owned()
+}
+
+fn succeeded(output: Output) -> String {
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Grey pixels of a frame: a gradient with a dark spot that moves.
+fn pixels(index: usize) -> Vec<u8> {
+    let spot = |x: usize, y: usize| x.abs_diff(8 + index) < 3 && y.abs_diff(15) < 2;
+    let grey = |i: usize| {
+        let (x, y) = (i % WIDTH, i / WIDTH);
+        if spot(x, y) { 20 } else { 150 + (x + 2 * y) as u8 }
+    };
+    (0..WIDTH * HEIGHT).map(grey).collect()
+}
+
+fn y4m(frames: usize) -> Vec<u8> {
+    let mut bytes = format!("YUV4MPEG2 W{WIDTH} H{HEIGHT} F25:1 Cmono\n").into_bytes();
+    for index in 0..frames {
+        bytes.extend(b"FRAME\n");
+        bytes.extend(pixels(index));
+    }
+    bytes
+}
+
+fn write_picture(path: &Path, index: usize) {
+    image::GrayImage::from_raw(WIDTH as u32, HEIGHT as u32, pixels(index))
+        .unwrap()
+        .save(path)
+        .unwrap();
+}
+
+/// A folder of so many pictures.
+fn pictures(folder: &Path, frames: usize) {
+    fs::create_dir_all(folder).unwrap();
+    for index in 0..frames {
+        write_picture(&folder.join(format!("{:04}.png", index + 1)), index);
+    }
+}
+
+/// A path in a temporary folder, as text.
+fn path(folder: &TempDir, name: &str) -> String {
+    folder.path().join(name).to_str().unwrap().to_owned()
+}
+
+fn json_lines(file: &str) -> Vec<serde_json::Value> {
+    let text = fs::read_to_string(file).unwrap();
+    assert!(text.is_empty() || text.ends_with('\n'), "the last line of {file} is whole");
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn replay_of_standard_input_writes_everything() {
+    let folder = tempfile::tempdir().unwrap();
+    let [mot, jsonl, drawn] = ["mot.txt", "lines.jsonl", "drawn"].map(|name| path(&folder, name));
+    let args =
+        ["replay", "-", "--detections", &mot, "--jsonl", &jsonl, "--annotate", &drawn, "--digest"];
+    let output = lookout(&args, &y4m(6));
+    let summary = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(summary.contains("6 frames, "), "{summary}");
+    let digest = succeeded(output);
+    assert_eq!(digest.trim_end().len(), 16);
+    let lines = json_lines(&jsonl);
+    assert_eq!(lines.len(), 6);
+    assert_eq!((&lines[5]["frame"], &lines[5]["time_us"]), (&6.into(), &200_000.into()));
+    let found: usize = lines.iter().map(|l| l["detections"].as_array().unwrap().len()).sum();
+    assert_eq!(fs::read_to_string(&mot).unwrap().lines().count(), found);
+    let picture = image::open(Path::new(&drawn).join("000006.png")).unwrap();
+    assert_eq!((picture.width(), picture.height()), (WIDTH as u32, HEIGHT as u32));
+    assert_eq!(fs::read_dir(&drawn).unwrap().count(), 6);
+
+    // The same pictures from a folder, on one thread: the same detections.
+    let frames = path(&folder, "frames");
+    pictures(Path::new(&frames), 6);
+    assert_eq!(succeeded(lookout(&["replay", &frames, "--digest", "--threads", "1"], b"")), digest);
+}
+
+#[test]
+fn replay_draws_a_video() {
+    if Command::new("ffmpeg").arg("-version").output().is_err() {
+        eprintln!("skipped: no ffmpeg");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let video = path(&folder, "drawn.mp4");
+    succeeded(lookout(&["replay", "-", "--annotate", &video], &y4m(5)));
+    // It can be replayed in its turn.
+    let jsonl = path(&folder, "lines.jsonl");
+    succeeded(lookout(&["replay", &video, "--jsonl", &jsonl], b""));
+    let lines = json_lines(&jsonl);
+    assert_eq!((lines.len(), &lines[4]["time_us"]), (5, &160_000.into()));
+}
+
+#[test]
+fn a_cut_off_video_leaves_what_came_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let [video, jsonl, drawn] =
+        ["flight.y4m", "lines.jsonl", "drawn"].map(|name| path(&folder, name));
+    let bytes = y4m(4);
+    fs::write(&video, &bytes[..bytes.len() - 5]).unwrap();
+    let output = lookout(&["replay", &video, "--jsonl", &jsonl, "--annotate", &drawn], b"");
+    let line = complaint(&output);
+    assert!(line.contains("flight.y4m") && line.contains("frame 4"), "{line}");
+    assert_eq!(json_lines(&jsonl).len(), 3);
+    assert_eq!(fs::read_dir(drawn).unwrap().count(), 3);
+}
+
+#[test]
+fn a_video_without_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let [video, empty] = ["flight.y4m", "empty"].map(|name| path(&folder, name));
+    fs::write(&video, y4m(0)).unwrap();
+    fs::create_dir(&empty).unwrap();
+    for (input, named) in [(&video, "flight.y4m"), (&empty, "empty"), (&path(&folder, "no"), "no")]
+    {
+        for verb in [&["replay", input][..], &["bench", "--input", input]] {
+            let line = complaint(&lookout(verb, b""));
+            assert!(line.contains(named), "{line}");
+        }
+    }
+}
+
+#[test]
+fn a_bad_picture_in_the_middle() {
+    let folder = tempfile::tempdir().unwrap();
+    let [corrupt, other, jsonl] = ["corrupt", "other", "l.jsonl"].map(|name| path(&folder, name));
+    for frames in [&corrupt, &other] {
+        pictures(Path::new(frames), 4);
+    }
+    let third = |frames: &str| Path::new(frames).join("0003.png");
+    let whole = fs::read(third(&corrupt)).unwrap();
+    fs::write(third(&corrupt), &whole[..whole.len() / 2]).unwrap();
+    image::GrayImage::new(9, 7).save(third(&other)).unwrap();
+    for frames in [corrupt, other] {
+        let line = complaint(&lookout(&["replay", &frames, "--jsonl", &jsonl], b""));
+        assert!(line.contains("0003.png"), "{line}");
+        assert_eq!(json_lines(&jsonl).len(), 2);
+    }
+}
+
+/// A split of two clips of six frames, each with a target.
+fn split(folder: &TempDir) -> String {
+    let data = path(folder, "data");
+    for clip in ["east", "west"] {
+        pictures(&Path::new(&data).join(clip).join("frames"), 6);
+        let truth: String = (1..=6).map(|f| format!("{f},1,{},13,9,4,1,1,1\n", 5 + f)).collect();
+        fs::write(Path::new(&data).join(clip).join("gt.txt"), truth).unwrap();
+    }
+    data
+}
+
+#[test]
+fn eval_and_score_agree() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, out) = (split(&folder), path(&folder, "out"));
+    let evaluated = succeeded(lookout(&["eval", &data, "--out", &out], b""));
+    assert!(evaluated.starts_with("AveP: "), "{evaluated}");
+    assert!(evaluated.contains("frames: 6\npositives: 6\n"), "{evaluated}");
+    let scored = succeeded(lookout(&["score", &data, &out], b""));
+    assert!(evaluated.starts_with(&scored) && evaluated.contains("windows_kept_per_frame: "));
+    assert_eq!(succeeded(lookout(&["eval", &data, "--jobs", "1"], b"")), evaluated);
+
+    let one = succeeded(lookout(&["eval", &data, "--clips", "eas", "--json"], b""));
+    let one: serde_json::Value = serde_json::from_str(&one).unwrap();
+    assert_eq!((&one["reports"][0]["iou"], &one["reports"][1]["iou"]), (&0.5.into(), &0.3.into()));
+    assert_eq!(one["reports"][0]["positives"], 3);
+    assert_eq!(one["scan"]["frames"], 6);
+    let line = complaint(&lookout(&["eval", &data, "--clips", "north"], b""));
+    assert!(line.contains("data") && line.contains("'north'"), "{line}");
+}
+
+#[test]
+fn eval_names_what_is_broken() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, out) = (split(&folder), path(&folder, "out"));
+    let west = Path::new(&data).join("west");
+    fs::write(west.join("frames/0005.png"), "not a picture").unwrap();
+    let line = complaint(&lookout(&["eval", &data, "--out", &out, "--jobs", "1"], b""));
+    assert!(line.contains("west") && line.contains("0005.png"), "{line}");
+    assert!(Path::new(&out).join("east.txt").exists(), "the clip before it was complete");
+
+    fs::write(west.join("gt.txt"), "1,1,5,13,9,4,1,1,1\n2,1,5,x,9,4,1,1,1\n").unwrap();
+    let line = complaint(&lookout(&["eval", &data], b""));
+    assert!(line.contains("gt.txt") && line.contains("'x'") && line.contains(":2"), "{line}");
+
+    fs::remove_dir_all(&west).unwrap();
+    fs::write(Path::new(&out).join("east.txt"), "1,-1,0,0,9,9,high\n").unwrap();
+    let line = complaint(&lookout(&["score", &data, &out], b""));
+    assert!(line.contains("east.txt line 1: 'high'"), "{line}");
+}
+
+#[test]
+fn places_that_cannot_be_written() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("file"), "").unwrap();
+    let below_file = path(&folder, "file/out");
+    for option in ["--detections", "--jsonl", "--annotate"] {
+        let line = complaint(&lookout(&["replay", "-", option, &below_file], &y4m(2)));
+        assert!(line.contains("file/out: cannot write"), "{option}: {line}");
+    }
+    let video = path(&folder, "no/such/folder.mp4");
+    let line = complaint(&lookout(&["replay", "-", "--annotate", &video], &y4m(2)));
+    assert!(line.contains("folder.mp4: cannot write"), "{line}");
+    let line = complaint(&lookout(&["eval", &split(&folder), "--out", &below_file], b""));
+    assert!(line.contains("file/out: cannot write"), "{line}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk() {
+    let folder = tempfile::tempdir().unwrap();
+    let mot = path(&folder, "mot.txt");
+    let args = ["replay", "-", "--detections", &mot, "--jsonl", "/dev/full"];
+    let line = complaint(&lookout(&args, &y4m(3)));
+    assert!(line.starts_with("/dev/full: cannot write") && line.contains("make room"), "{line}");
+    assert!(fs::read_to_string(mot).unwrap().lines().all(|line| line.split(',').count() == 7));
+}
+
+#[test]
+fn a_model_that_is_not_there() {
+    let line = complaint(&lookout(&["replay", "-", "--model", "/no/such.lkm"], &y4m(1)));
+    assert!(line.contains("/no/such.lkm: cannot read"), "{line}");
+}
+
+#[test]
+fn bench_measures() {
+    let folder = tempfile::tempdir().unwrap();
+    let video = path(&folder, "flight.y4m");
+    fs::write(&video, y4m(8)).unwrap();
+    let args = ["bench", "--input", &video, "--frames", "6", "--json"];
+    let figures: serde_json::Value = serde_json::from_str(&succeeded(lookout(&args, b""))).unwrap();
+    assert_eq!((&figures["frames"], &figures["width"]), (&6.into(), &WIDTH.into()));
+    assert!(figures["frames_per_second"].as_f64().unwrap() > 0.0);
+    assert!(figures["buffer_bytes"].as_u64().unwrap() > 0);
+    for stage in ["registration", "channels", "scan", "cubes", "boxes"] {
+        assert!(figures["stages_ms"][stage].as_f64().unwrap() >= 0.0, "{stage}");
+    }
+    let text = succeeded(lookout(&["bench", "--input", &video], b""));
+    assert!(text.starts_with("40x30, 8 frames"), "{text}");
+}
+
+#[test]
+fn usage_errors() {
+    for args in [&["replay", "--threshold", "high"][..], &["fly"], &[], &["bench", "--frames", "0"]]
+    {
+        let output = lookout(args, b"");
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+    }
+}
