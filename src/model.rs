@@ -219,10 +219,7 @@ impl<'m> Model<'m> {
         };
         let provenance = core::str::from_utf8(section(Section::Provenance))
             .map_err(|_| ModelError::Content { section: Section::Provenance })?;
-        let scan = forest(Section::Scan, usize::from(scan::FEATURES))?;
-        if !scan.trees().flat_map(|tree| tree.nodes()).all(|node| scan::is_feature(node.feature)) {
-            return Err(ModelError::Content { section: Section::Scan });
-        }
+        let scan = forest(Section::Scan, scan::FEATURES)?;
         let patch = features(Section::PatchFeatures)?;
         if !patch.of_patch_only() {
             return Err(ModelError::Content { section: Section::PatchFeatures });

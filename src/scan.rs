@@ -20,13 +20,11 @@ pub struct Candidate {
     pub score: i32,
 }
 
-/// Feature numbers of the scan's trees: `row << 8 | column << 4 | channel`, row and column in cells of the window.
-pub const FEATURES: u16 = (WINDOW as u16) << 8;
+/// Values in a row of a window's map.
+const ROW: usize = WINDOW * MAP_CHANNELS;
 
-/// Whether a feature number names a value of the window's map.
-pub const fn is_feature(number: u16) -> bool {
-    number < FEATURES && ((number >> 4) & 15) < WINDOW as u16
-}
+/// Values in a window's map, and features of the scan's trees: numbered by row, column and channel.
+pub const FEATURES: usize = WINDOW * ROW;
 
 /// The map of a level as the scan reads it.
 #[derive(Debug, Clone, Copy)]
@@ -49,6 +47,11 @@ impl<'a> Map<'a> {
         }
     }
 
+    /// Positions of windows in a row and in a column; the first of each is [`PADDING`] cells outside the picture.
+    pub fn windows(&self) -> (usize, usize) {
+        self.windows
+    }
+
     /// Windows to look at.
     pub fn window_count(&self) -> u32 {
         (self.windows.0 * self.windows.1) as u32
@@ -58,28 +61,26 @@ impl<'a> Map<'a> {
     /// hang over by [`PADDING`].
     fn window(&self, column: usize, row: usize) -> &'a [u8] {
         let start = row * self.stride + column * MAP_CHANNELS;
-        &self.bytes[start..start + (WINDOW - 1) * self.stride + WINDOW * MAP_CHANNELS]
+        &self.bytes[start..start + (WINDOW - 1) * self.stride + ROW]
     }
 
-    /// Values of all features of the window at (x, y) in cells of the level, in the order of their numbers without
-    /// gaps: row, column, channel. Panics if the window is not one of the scan's.
-    pub fn values(&self, x: i16, y: i16) -> [u8; WINDOW * WINDOW * MAP_CHANNELS] {
+    /// Values of all features of the window at (x, y) in cells of the level. Panics if the window is not one of the
+    /// scan's.
+    pub fn values(&self, x: i16, y: i16) -> [u8; FEATURES] {
         let place = |v: i16| (i32::from(v) + PADDING as i32) as usize;
         let window = self.window(place(x), place(y));
-        core::array::from_fn(|i| {
-            let (row, rest) = (i / (WINDOW * MAP_CHANNELS), i % (WINDOW * MAP_CHANNELS));
-            window[row * self.stride + rest]
-        })
+        core::array::from_fn(|i| window[i / ROW * self.stride + i % ROW])
     }
 
     /// Runs `cascade` over all windows; `found` gets each window that it does not reject.
     pub fn scan(&self, level: u8, cascade: &Forest<'_>, mut found: impl FnMut(Candidate)) {
+        let gap = self.stride - ROW;
         for row in 0..self.windows.1 {
             for column in 0..self.windows.0 {
                 let window = self.window(column, row);
                 let test = |feature: u16, threshold: u16| {
-                    let at = usize::from(feature >> 8) * self.stride + usize::from(feature & 255);
-                    u16::from(window[at]) > threshold
+                    let feature = usize::from(feature);
+                    u16::from(window[feature + feature / ROW * gap]) > threshold
                 };
                 if let Some(score) = cascade.cascade(test) {
                     let place = |v: usize| v as i16 - PADDING as i16;

@@ -104,6 +104,11 @@ impl Memory {
         Self { bytes: vec![0; config.bytes_len()], words: vec![0; config.words_len()] }
     }
 
+    /// The bytes and words themselves.
+    pub fn parts(&mut self) -> (&mut [u8], &mut [u16]) {
+        (&mut self.bytes, &mut self.words)
+    }
+
     /// Its size in bytes.
     pub fn len_bytes(&self) -> usize {
         self.bytes.len() + size_of_val(self.words.as_slice())
