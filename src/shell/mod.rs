@@ -15,3 +15,4 @@ pub mod pipeline;
 pub mod replay;
 pub mod score;
 pub mod source;
+pub mod train;

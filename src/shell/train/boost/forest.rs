@@ -1,0 +1,173 @@
+//! Forests that a trainer owns, and the writer of their bytes.
+
+use crate::trees::{Forest, NEVER_REJECT, Node};
+use std::vec::Vec;
+
+/// A tree that a trainer owns; see [`crate::trees`] for the order of nodes and leaves.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TrainedTree {
+    pub(super) nodes: Vec<Node>,
+    pub(super) leaves: Vec<i16>,
+    pub(super) reject_threshold: i32,
+}
+
+impl TrainedTree {
+    /// Inner nodes in heap order.
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// Leaves from left to right.
+    pub fn leaves(&self) -> &[i16] {
+        &self.leaves
+    }
+}
+
+/// A forest that a trainer owns. Read back from its bytes it gives the trainer's own scores.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TrainedForest {
+    pub(super) depth: u8,
+    pub(super) features: u16,
+    pub(super) bias: i32,
+    pub(super) trees: Vec<TrainedTree>,
+}
+
+impl From<Forest<'_>> for TrainedForest {
+    fn from(forest: Forest<'_>) -> Self {
+        let trees = forest.trees().map(|tree| TrainedTree {
+            nodes: tree.nodes().collect(),
+            leaves: tree.leaves().collect(),
+            reject_threshold: tree.reject_threshold(),
+        });
+        Self {
+            depth: forest.depth(),
+            features: forest.features(),
+            bias: forest.bias(),
+            trees: trees.collect(),
+        }
+    }
+}
+
+impl TrainedForest {
+    /// The trees in the order in which they were boosted.
+    pub fn trees(&self) -> &[TrainedTree] {
+        &self.trees
+    }
+
+    /// The bytes that [`Forest::parse`] reads.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        bytes.extend((self.trees.len() as u16).to_le_bytes());
+        bytes.extend([self.depth, 0]);
+        bytes.extend(self.bias.to_le_bytes());
+        bytes.extend(self.features.to_le_bytes());
+        bytes.extend([0, 0]);
+        for tree in &self.trees {
+            bytes.extend(tree.reject_threshold.to_le_bytes());
+            for node in &tree.nodes {
+                bytes.extend(node.feature.to_le_bytes());
+                bytes.extend(node.threshold.to_le_bytes());
+            }
+            bytes.extend(tree.leaves.iter().flat_map(|leaf| leaf.to_le_bytes()));
+        }
+        debug_assert!(Forest::parse(&bytes).is_ok());
+        bytes
+    }
+
+    /// Keeps the first `trees` trees only.
+    pub fn truncate(&mut self, trees: usize) {
+        self.trees.truncate(trees);
+    }
+
+    /// Sets the reject threshold of the first trees from `thresholds`, of any others to [`NEVER_REJECT`].
+    pub fn set_reject_thresholds(&mut self, thresholds: &[i32]) {
+        let thresholds = thresholds.iter().copied().chain(std::iter::repeat(NEVER_REJECT));
+        for (tree, threshold) in self.trees.iter_mut().zip(thresholds) {
+            tree.reject_threshold = threshold;
+        }
+    }
+
+    /// Renumbers the features so that only those asked for remain; gives the old id of each new one, ascending.
+    pub fn compact(&mut self) -> Vec<u16> {
+        let nodes = self.trees.iter().flat_map(|tree| &tree.nodes);
+        // Nodes that no value passes may name any feature: they keep none alive.
+        let mut used: Vec<u16> =
+            nodes.filter(|node| **node != Node::LEFT).map(|node| node.feature).collect();
+        used.sort_unstable();
+        used.dedup();
+        if used.is_empty() {
+            used.push(0);
+        }
+        for node in self.trees.iter_mut().flat_map(|tree| &mut tree.nodes) {
+            node.feature = match *node {
+                Node::LEFT => 0,
+                _ => used.partition_point(|&id| id < node.feature) as u16,
+            };
+        }
+        self.features = used.len() as u16;
+        used
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec;
+
+    prop_compose! {
+        fn forest()(depth in 1..=3u8)(
+            depth in Just(depth),
+            bias in -1000..1000i32,
+            trees in prop::collection::vec((
+                prop::collection::vec((0..40u16, 0..99u16), (1 << depth) - 1),
+                prop::collection::vec(any::<i16>(), 1 << depth),
+                any::<i32>(),
+            ), 0..5),
+        ) -> TrainedForest {
+            let trees = trees.into_iter().map(|(nodes, leaves, reject_threshold)| TrainedTree {
+                nodes: nodes.into_iter().map(|(feature, threshold)| {
+                    if threshold == 0 { Node::LEFT } else { Node { feature, threshold } }
+                }).collect(),
+                leaves,
+                reject_threshold,
+            });
+            TrainedForest { depth, features: 40, bias, trees: trees.collect() }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn bytes_and_back(forest in forest()) {
+            let bytes = forest.encode();
+            let (view, rest) = Forest::parse(&bytes).unwrap();
+            prop_assert!(rest.is_empty());
+            prop_assert_eq!(TrainedForest::from(view), forest);
+        }
+
+        #[test]
+        fn compacting_changes_no_score(forest in forest(), values in prop::collection::vec(0..99u16, 40)) {
+            let (wide, mut small) = (forest.encode(), forest);
+            let kept = small.compact();
+            let narrow = small.encode();
+            let score = |bytes, value: &dyn Fn(u16) -> u16| {
+                Forest::parse(bytes).unwrap().0.score(|feature, threshold| value(feature) > threshold)
+            };
+            prop_assert_eq!(
+                score(&wide, &|feature| values[usize::from(feature)]),
+                score(&narrow, &|feature| values[usize::from(kept[usize::from(feature)])])
+            );
+        }
+    }
+
+    #[test]
+    fn missing_thresholds_never_reject() {
+        let tree = TrainedTree { nodes: vec![Node::LEFT], leaves: vec![1, 1], reject_threshold: 5 };
+        let mut forest =
+            TrainedForest { depth: 1, features: 1, bias: 0, trees: vec![tree.clone(), tree] };
+        forest.set_reject_thresholds(&[-3]);
+        let thresholds: Vec<i32> =
+            forest.trees().iter().map(|tree| tree.reject_threshold).collect();
+        assert_eq!(thresholds, [-3, NEVER_REJECT]);
+    }
+}

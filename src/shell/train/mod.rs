@@ -1,0 +1,3 @@
+//! Training: from flights with known targets to a model file.
+
+pub mod boost;
