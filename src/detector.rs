@@ -390,13 +390,14 @@ pub fn scan(
     all.into_iter().take(MAX_CANDIDATES).collect()
 }
 
-/// Cuts the cube of a candidate: Algorithm 1, and what is known beside the channels.
+/// Cuts the cube of a candidate from the window at `start`: Algorithm 1, and what is known beside the channels.
 pub fn cut(
     model: &Model<'_>,
     config: &Config,
     front: &FrontEnd,
     level: &LevelBuffers<'_>,
     candidate: &Candidate,
+    start: Position,
     cube: &mut Cube,
 ) -> Path {
     let regressors = config.compensation.then_some(model.regressors());
@@ -404,7 +405,7 @@ pub fn cut(
     cube.scalars[0] = (candidate.score + 32768).clamp(0, 65535) as u16;
     cube.scalars[1] = (level.level.target_q4() >> 4) as u16;
     cube.scalars[2] = u16::from(front.registered());
-    motion::compensate(&front.slices(level), regressors, window(candidate), cube)
+    motion::compensate(&front.slices(level), regressors, start, cube)
 }
 
 /// Judges a candidate by its cube and gives it a box; `None` if it is rejected.
@@ -416,7 +417,7 @@ fn judge(
     candidate: &Candidate,
     cube: &mut Cube,
 ) -> Option<Detection> {
-    let path = cut(model, config, front, level, candidate, cube);
+    let path = cut(model, config, front, level, candidate, window(candidate), cube);
     let test = |feature, threshold| model.features().exceeds(feature, threshold, cube);
     let score = if config.stcube { model.cube().cascade(test)? } else { candidate.score };
     // Leaves are in Q8.

@@ -4,7 +4,7 @@ use clap::Parser;
 use lookout::shell::cli::{Cli, Verb};
 use lookout::shell::error::Error;
 use lookout::shell::interrupt::{self, Ended};
-use lookout::shell::{bench, eval, replay};
+use lookout::shell::{bench, eval, replay, train};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -32,5 +32,6 @@ fn dispatch(verb: &Verb) -> Result<Ended, Error> {
         Verb::Eval(args) => eval::run(args),
         Verb::Score(args) => eval::run_score(args),
         Verb::Bench(args) => bench::run(args),
+        Verb::Train(args) => train::run(args),
     }
 }

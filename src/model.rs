@@ -246,6 +246,13 @@ impl<'m> Model<'m> {
         self.bytes
     }
 
+    /// The bytes of one section.
+    pub fn section(&self, section: Section) -> &'m [u8] {
+        let length = |i: usize| word(self.bytes, 28 + 4 * i);
+        let start = HEADER + (0..section as usize).map(length).sum::<usize>();
+        &self.bytes[start..start + length(section as usize)]
+    }
+
     /// Where the model comes from, as its trainer wrote it (JSON).
     pub fn provenance(&self) -> &'m str {
         self.provenance

@@ -1,6 +1,6 @@
 //! The command line: verbs and what they take.
 
-use super::{bench, eval, replay};
+use super::{bench, eval, replay, train};
 use clap::{Parser, Subcommand};
 use std::format;
 
@@ -25,4 +25,6 @@ pub enum Verb {
     Score(eval::ScoreArgs),
     /// Measure speed and memory
     Bench(bench::BenchArgs),
+    /// Learn a model from a folder of clips with ground truth
+    Train(train::TrainArgs),
 }

@@ -50,6 +50,12 @@ pub enum Error {
         /// What is wrong with it.
         source: ModelError,
     },
+    /// Training cannot go on.
+    #[error("training: {reason}; give more flights with targets, or other settings")]
+    Training {
+        /// What stands in the way.
+        reason: String,
+    },
     /// A line of a text file that does not say what it should.
     #[error("{} line {line}: {reason}", path.display())]
     Text {

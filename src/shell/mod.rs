@@ -10,6 +10,7 @@ pub mod error;
 pub mod eval;
 pub mod flight;
 pub mod interrupt;
+pub mod parallel;
 pub mod pictures;
 pub mod pipeline;
 pub mod replay;

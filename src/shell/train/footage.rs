@@ -84,7 +84,8 @@ fn read(clip: clips::Clip, every: usize, number: usize, held_back: bool) -> Resu
     let first = HISTORY + number % every;
     while source.next_frame(&mut frame)? {
         let index = footage.frames.len();
-        let next = if index <= first { first } else { first + (index - first).div_ceil(every) * every };
+        let next =
+            if index <= first { first } else { first + (index - first).div_ceil(every) * every };
         let needed = next - index <= HISTORY;
         footage.frames.push(if needed { frame.clone() } else { Frame::default() });
         if index == next {

@@ -1,3 +1,151 @@
 //! Training: from flights with known targets to a model file.
+//!
+//! In the order of the paper: the scan with hard negatives, the regressors of Algorithm 1, then cubes compensated with
+//! them, on these the classifier and the box. Each stage is saved when it ends; a run that was interrupted goes on after
+//! the last one. The core's own code computes every value that is learned from.
 
 pub mod boost;
+mod cubes;
+mod file;
+mod footage;
+mod labels;
+mod pool;
+mod random;
+mod report;
+mod stages;
+mod windows;
+
+use super::error::Error;
+use super::interrupt::Ended;
+use crate::model::{Model, Section};
+use file::Parts;
+use report::Report;
+use stages::Trainer;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::string::{String, ToString};
+use std::time::Instant;
+use std::vec::Vec;
+
+/// What `lookout train` can be told.
+#[derive(Debug, Clone, clap::Args, serde::Serialize)]
+pub struct TrainArgs {
+    /// Folders of clips with ground truth, each weighing the same
+    #[arg(required = true, value_name = "DATA")]
+    pub data: Vec<PathBuf>,
+    /// Model file to write; a partial one beside it lets an interrupted run go on
+    #[arg(long, value_name = "FILE")]
+    #[serde(skip)]
+    pub out: PathBuf,
+    /// Model card whose generated part is written anew (default: README.md beside the model)
+    #[arg(long, value_name = "FILE")]
+    #[serde(skip)]
+    pub card: Option<PathBuf>,
+    /// Seed of all that is drawn at random
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Frames to learn from, in each folder
+    #[arg(long, default_value_t = 3500)]
+    pub samples: usize,
+    /// Every how many clips one is held back to decide when to stop; 0: none
+    #[arg(long, default_value_t = 8)]
+    pub hold_back: usize,
+    /// Trees of the scan
+    #[arg(long, default_value_t = 256)]
+    pub scan_trees: usize,
+    /// Depth of the scan's trees
+    #[arg(long, default_value_t = 3)]
+    pub scan_depth: u8,
+    /// Share of the held-back targets that the scan's rejection thresholds keep
+    #[arg(long, default_value_t = 0.97)]
+    pub scan_keep: f64,
+    /// Rounds of hard-negative mining for the scan
+    #[arg(long, default_value_t = 3)]
+    pub mining: usize,
+    /// Trees of each regressor, at most
+    #[arg(long, default_value_t = 120)]
+    pub regressor_trees: usize,
+    /// Trees of the classifier of cubes, at most
+    #[arg(long, default_value_t = 600)]
+    pub cube_trees: usize,
+    /// Depth of the classifier's trees
+    #[arg(long, default_value_t = 4)]
+    pub cube_depth: u8,
+    /// Features to choose from for cubes
+    #[arg(long, default_value_t = 2500)]
+    pub features: usize,
+    /// Candidates of each frame that cubes are cut for
+    #[arg(long, default_value_t = 24)]
+    pub candidates: usize,
+    /// Ablation: do not align older frames to the newest one
+    #[arg(long)]
+    pub no_registration: bool,
+    /// Ablation: do not look at temporal differences
+    #[arg(long)]
+    pub no_temporal: bool,
+    /// Ablation: do not keep the object in the middle of every slice (Algorithm 1)
+    #[arg(long)]
+    pub no_compensation: bool,
+}
+
+/// Trains a model.
+///
+/// # Errors
+/// [`Error`] when clips cannot be read or files not written; finished stages stay in the partial model.
+pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
+    let started = Instant::now();
+    let settings = serde_json::to_string(args).unwrap_or_default();
+    let partial = args.out.with_extension("lkm.partial");
+    let mut parts = resume(&partial, &settings).unwrap_or_default();
+    let mut report = Report::create(&args.out.with_extension("jsonl"), parts != Parts::default())?;
+    let trainer = Trainer::load(args, &report)?;
+    for stage in [Section::Scan, Section::Horizontal, Section::Cube] {
+        if parts.has_trees(stage) {
+            report.note(&std::format!("{stage:?}: taken from {}", partial.display()))?;
+            continue;
+        }
+        match stage {
+            Section::Scan => trainer.scan(&mut parts, &mut report)?,
+            Section::Horizontal => trainer.regressors(&mut parts, &mut report)?,
+            _ => trainer.cubes(&mut parts, &mut report)?,
+        }
+        if super::interrupt::requested() {
+            return Ok(Ended::Interrupted);
+        }
+        parts.set_provenance(&settings);
+        write(&partial, &parts.encode())?;
+    }
+    parts.set_provenance(&settings);
+    let bytes = parts.encode();
+    write(&args.out, &bytes)?;
+    let card = args.card.clone().unwrap_or_else(|| args.out.with_file_name("README.md"));
+    report.card(&card, &args.out, &bytes, &trainer.summary(), started.elapsed())?;
+    fs::remove_file(&partial).map_err(|source| Error::Write { path: partial.clone(), source })?;
+    Ok(Ended::Complete)
+}
+
+/// The finished stages of an earlier run with the same settings.
+fn resume(partial: &Path, settings: &str) -> Option<Parts> {
+    let bytes = fs::read(partial).ok()?;
+    let model = Model::parse(&bytes).ok()?;
+    (model.provenance() == settings).then(|| Parts::of(&model))
+}
+
+/// Writes a file so that it is whole or not there: under another name first.
+fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".tmp");
+    let temporary = path.with_file_name(name);
+    let failed = |path: &Path| {
+        let path = path.to_path_buf();
+        move |source| Error::Write { path, source }
+    };
+    fs::write(&temporary, bytes).map_err(failed(&temporary))?;
+    fs::rename(&temporary, path).map_err(failed(path))
+}
+
+/// The command that gave these settings, for the card.
+fn command() -> String {
+    let words: Vec<String> = std::env::args().skip(1).map(|a| a.to_string()).collect();
+    std::format!("lookout {}", words.join(" "))
+}

@@ -87,6 +87,14 @@ impl TrainedForest {
         }
     }
 
+    /// Gives every feature asked for the number `number(old)`, below `features`.
+    pub fn renumber(&mut self, number: impl Fn(u16) -> u16, features: u16) {
+        for node in self.trees.iter_mut().flat_map(|tree| &mut tree.nodes) {
+            node.feature = if *node == Node::LEFT { 0 } else { number(node.feature) };
+        }
+        self.features = features;
+    }
+
     /// Renumbers the features so that only those asked for remain; gives the old id of each new one, ascending.
     pub fn compact(&mut self) -> Vec<u16> {
         let nodes = self.trees.iter().flat_map(|tree| &tree.nodes);

@@ -1,0 +1,130 @@
+//! Patches for φ_h and φ_v, cubes for the classifier and the box regressors.
+
+use super::footage::View;
+use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
+use super::random::Random;
+use crate::cube::{Cube, Patch, SCALARS, SUBCELL, WINDOW};
+use crate::detector::{self, Config, Detections};
+use crate::feature::Feature;
+use crate::levels::Pyramid;
+use crate::model::Model;
+use crate::motion::Position;
+use crate::scan::Candidate;
+use std::vec::Vec;
+
+/// Tolerance of a cube's label, after Algorithm 1.
+const TOLERANCE: Tolerance = Tolerance { distance: 1.5, scale: 0.6, far: 2.5, other_scale: 1.0 };
+
+/// Patches drawn for each target: the paper shifts each box at random.
+const PATCHES: usize = 6;
+
+/// Windows drawn around each target for the box regressors beside the scan's own.
+const JITTERED: usize = 2;
+
+/// Values of features and what belongs to them.
+#[derive(Debug, Clone)]
+pub struct Row {
+    /// Values of all features of the pool.
+    pub values: Vec<u16>,
+    /// Where the target is, if there is one.
+    pub offset: Option<Offset>,
+    /// The target's number, unlike that of every other target and frame.
+    pub target: u32,
+    /// Whether it is of a clip that is held back.
+    pub held_back: bool,
+    /// Whether the scan found it: the classifier learns from these only.
+    pub scanned: bool,
+}
+
+/// The window whose centre is `away` cells from `truth`'s.
+fn around(truth: &Offset, away: (f64, f64)) -> Position {
+    let quarters = |v: f64| (v * f64::from(SUBCELL)).round() as i32;
+    Position { x: quarters(truth.x + away.0), y: quarters(truth.y + away.1) }
+}
+
+/// Patches around every target, shifted at random by up to half its longer side, with the values of `pool`.
+pub fn patches(
+    view: &View<'_>,
+    pyramid: &Pyramid<'_>,
+    pool: &[Feature],
+    random: &mut Random,
+) -> Vec<Row> {
+    let mut rows = Vec::new();
+    let mut patch = Patch::EMPTY;
+    for truth in truths(view.footage.truth.frame(view.frame as u64)) {
+        let Truth::Target(truth) = truth else { continue };
+        for level in pyramid.iter().filter(|l| l.level.active) {
+            let from_origin = Offset::of(&truth, Position::default(), &level.level);
+            if from_origin.scale().abs() > 0.45 {
+                continue;
+            }
+            let reach = from_origin.scale().exp2() * WINDOW as f64 / 4.0;
+            for _ in 0..PATCHES {
+                let away = (random.symmetric() * reach, random.symmetric() * reach);
+                let position = around(&from_origin, away);
+                patch.cut(&view.front.slices(level).tables[0], position.x, position.y);
+                let value = |f: &Feature| {
+                    f.value(core::slice::from_ref(&patch), &Patch::EMPTY, &[0; SCALARS])
+                };
+                rows.push(Row {
+                    values: pool.iter().map(value).collect(),
+                    offset: Some(Offset::of(&truth, position, &level.level)),
+                    target: 0,
+                    held_back: view.footage.held_back,
+                    scanned: false,
+                });
+            }
+        }
+    }
+    rows
+}
+
+/// The cubes of the scan's candidates and of windows around the targets, with the values of `pool`.
+pub fn cubes(
+    view: &View<'_>,
+    pyramid: &Pyramid<'_>,
+    model: &Model<'_>,
+    config: &Config,
+    pool: &[Feature],
+    number: u32,
+    random: &mut Random,
+) -> Vec<Row> {
+    let truths = truths(view.footage.truth.frame(view.frame as u64));
+    let found = detector::scan(model, config, pyramid, &mut Detections::default());
+    let mut candidates: Vec<(Candidate, Position, bool)> =
+        found.iter().map(|c| (*c, detector::window(c), true)).collect();
+    for truth in &truths {
+        let Truth::Target(truth) = truth else { continue };
+        for level in pyramid.iter().filter(|l| l.level.active) {
+            let offset = Offset::of(truth, Position::default(), &level.level);
+            if offset.scale().abs() > TOLERANCE.scale {
+                continue;
+            }
+            for _ in 0..JITTERED {
+                let position = around(&offset, (random.symmetric(), random.symmetric()));
+                let candidate = Candidate { level: level.number, x: 0, y: 0, score: 0 };
+                candidates.push((candidate, position, false));
+            }
+        }
+    }
+    let mut rows = Vec::new();
+    let mut cube = Cube::EMPTY;
+    for (candidate, position, scanned) in candidates {
+        let level = &pyramid[usize::from(candidate.level)];
+        let path = detector::cut(model, config, view.front, level, &candidate, position, &mut cube);
+        let (offset, target) = match label(&truths, path.positions[0], &level.level, &TOLERANCE) {
+            Label::Positive(target, offset) => (Some(offset), number * 16 + target.min(15) as u32),
+            Label::Negative if scanned => (None, 0),
+            Label::Negative | Label::Ignore => continue,
+        };
+        let value = |f: &Feature| f.value(&cube.slices, &cube.newest, &cube.scalars);
+        rows.push(Row {
+            values: pool.iter().map(value).collect(),
+            offset,
+            target,
+            held_back: view.footage.held_back,
+            scanned,
+        });
+    }
+    rows
+}

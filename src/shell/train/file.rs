@@ -1,0 +1,82 @@
+//! Writing a model file, section by section.
+
+use super::boost::TrainedForest;
+use crate::feature::Feature;
+use crate::model::{self, GEOMETRY, HEADER, MAGIC, Model, Section, VERSION};
+use std::vec::Vec;
+
+/// A forest without trees: its score is 0.
+const NO_TREES: [u8; 12] = [0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+
+/// The sections of a model under way.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Parts {
+    sections: [Vec<u8>; Section::ALL.len()],
+}
+
+impl Default for Parts {
+    /// No provenance, no features, forests without trees.
+    fn default() -> Self {
+        let text = [Section::Provenance, Section::PatchFeatures, Section::CubeFeatures];
+        Self {
+            sections: Section::ALL
+                .map(|s| if text.contains(&s) { Vec::new() } else { NO_TREES.to_vec() }),
+        }
+    }
+}
+
+impl Parts {
+    /// The sections of a model.
+    pub fn of(model: &Model<'_>) -> Self {
+        Self { sections: Section::ALL.map(|s| model.section(s).to_vec()) }
+    }
+
+    /// Whether a forest has trees.
+    pub fn has_trees(&self, section: Section) -> bool {
+        self.sections[section as usize] != NO_TREES
+    }
+
+    /// Puts in where the model comes from (JSON).
+    pub fn set_provenance(&mut self, text: &str) {
+        self.sections[Section::Provenance as usize] = text.as_bytes().to_vec();
+    }
+
+    /// Puts in a forest whose features are numbered by the core itself.
+    pub fn set_forest(&mut self, section: Section, forest: &TrainedForest) {
+        self.sections[section as usize] = forest.encode();
+    }
+
+    /// Puts in forests trained on all of `pool` and, in section `features`, those features that they ask for.
+    pub fn set_forests(
+        &mut self,
+        features: Section,
+        pool: &[Feature],
+        forests: Vec<(Section, TrainedForest)>,
+    ) {
+        let asked = |(_, forest): &(Section, TrainedForest)| forest.clone().compact();
+        let mut used: Vec<u16> = forests.iter().flat_map(asked).collect();
+        used.sort_unstable();
+        used.dedup();
+        self.sections[features as usize] =
+            used.iter().flat_map(|&id| pool[usize::from(id)].encode()).collect();
+        for (section, mut forest) in forests {
+            forest.renumber(|id| used.partition_point(|&u| u < id) as u16, used.len() as u16);
+            self.set_forest(section, &forest);
+        }
+    }
+
+    /// The bytes of the file.
+    pub fn encode(&self) -> Vec<u8> {
+        let length = HEADER + self.sections.iter().map(Vec::len).sum::<usize>();
+        let mut covered = GEOMETRY.to_vec();
+        self.sections.iter().for_each(|s| covered.extend((s.len() as u32).to_le_bytes()));
+        self.sections.iter().for_each(|s| covered.extend(s));
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend(VERSION.to_le_bytes());
+        bytes.extend([0; 2]);
+        bytes.extend((length as u32).to_le_bytes());
+        bytes.extend(model::checksum(&covered).to_le_bytes());
+        bytes.extend(covered);
+        bytes
+    }
+}

@@ -1,0 +1,120 @@
+//! What a window is to be taken for.
+
+use crate::gradient::CELL;
+use crate::levels::{Level, TARGET_CELLS};
+use crate::motion::Position;
+use crate::shell::clips::TruthBox;
+use std::vec::Vec;
+
+/// Targets shorter than this many pixels are neither learned nor held against a window.
+const SMALLEST: f64 = 7.0;
+
+/// A bird's class in the ground truth.
+const BIRD: u32 = 4;
+
+/// What a box of the ground truth means to the trainer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Truth {
+    /// An aircraft to be found.
+    Target(TruthBox),
+    /// An aircraft too small or not wholly seen: neither way.
+    Ignore(TruthBox),
+}
+
+/// The boxes of a frame; birds are left out, they are background.
+pub fn truths(boxes: &[TruthBox]) -> Vec<Truth> {
+    boxes
+        .iter()
+        .filter(|b| b.class != BIRD)
+        .map(|b| {
+            let seen = b.visibility >= 1.0 && b.width.max(b.height) >= SMALLEST;
+            if seen { Truth::Target(*b) } else { Truth::Ignore(*b) }
+        })
+        .collect()
+}
+
+/// A box seen from a window: its centre from the window's in cells of the level, binary logarithms of width and height
+/// over the nominal target's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Offset {
+    /// Centre to the right, cells.
+    pub x: f64,
+    /// Centre downwards, cells.
+    pub y: f64,
+    /// Logarithm of the width.
+    pub width: f64,
+    /// Logarithm of the height.
+    pub height: f64,
+}
+
+impl Offset {
+    /// Of `truth` from the window at `position` of `level`.
+    pub fn of(truth: &TruthBox, position: Position, level: &Level) -> Self {
+        let scale = f64::from(level.scale) / 65536.0;
+        let (cx, cy) = position.centre(level.scale);
+        let cell = CELL as f64 * scale;
+        let target = TARGET_CELLS as f64 * cell;
+        Self {
+            x: (truth.left + truth.width / 2.0 - f64::from(cx) / 256.0) / cell,
+            y: (truth.top + truth.height / 2.0 - f64::from(cy) / 256.0) / cell,
+            width: (truth.width.max(1.0) / target).log2(),
+            height: (truth.height.max(1.0) / target).log2(),
+        }
+    }
+
+    /// Farther of the two ways from the centre, cells.
+    pub fn distance(&self) -> f64 {
+        self.x.abs().max(self.y.abs())
+    }
+
+    /// How far the longer side is from the nominal one, as a logarithm.
+    pub fn scale(&self) -> f64 {
+        self.width.max(self.height)
+    }
+}
+
+/// How near a window must be to a target to be one, and how far to be none; between them it counts neither way.
+#[derive(Debug, Clone, Copy)]
+pub struct Tolerance {
+    /// Largest distance of the centres of a positive, cells.
+    pub distance: f64,
+    /// Largest difference of size of a positive, octaves.
+    pub scale: f64,
+    /// Distance of the centres from which on a window is negative, cells.
+    pub far: f64,
+    /// Difference of size from which on a window is negative, octaves.
+    pub other_scale: f64,
+}
+
+/// A window's label.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Label {
+    /// It shows the target of that number among the frame's truths, at that offset.
+    Positive(usize, Offset),
+    /// It shows none.
+    Negative,
+    /// Neither way.
+    Ignore,
+}
+
+/// The label of the window at `position` of `level`.
+pub fn label(truths: &[Truth], position: Position, level: &Level, tolerance: &Tolerance) -> Label {
+    let mut label = Label::Negative;
+    for (number, truth) in truths.iter().enumerate() {
+        let (target, truth) = match truth {
+            Truth::Target(truth) => (true, truth),
+            Truth::Ignore(truth) => (false, truth),
+        };
+        let offset = Offset::of(truth, position, level);
+        let (distance, scale) = (offset.distance(), offset.scale().abs());
+        if target && distance <= tolerance.distance && scale <= tolerance.scale {
+            return Label::Positive(number, offset);
+        }
+        // A larger target reaches farther, in cells of this level.
+        let far = tolerance.far * offset.scale().exp2().max(1.0);
+        if distance < far && (scale < tolerance.other_scale || !target) {
+            label = Label::Ignore;
+        }
+    }
+    label
+}

@@ -1,0 +1,127 @@
+//! What training tells: progress on the terminal, a log in JSON Lines, the generated part of the model card.
+
+use super::boost::Round;
+use crate::shell::error::Error;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::string::{String, ToString};
+use std::time::{Duration, Instant};
+use std::{eprintln, format};
+
+/// Between these lines the card is the trainer's; the rest of it is left as it is.
+const BEGIN: &str = "<!-- written by lookout train -->";
+const END: &str = "<!-- end of what lookout train writes -->";
+
+/// What was learned from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Summary {
+    /// Clips in all.
+    pub clips: usize,
+    /// Frames learned from.
+    pub samples: usize,
+    /// Clips held back.
+    pub held_back_clips: usize,
+    /// Frames of those.
+    pub held_back_samples: usize,
+}
+
+/// Progress, log and card.
+#[derive(Debug)]
+pub struct Report {
+    path: PathBuf,
+    log: File,
+    started: Instant,
+}
+
+impl Report {
+    /// Starts the log at `path`, or goes on with it.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn create(path: &Path, go_on: bool) -> Result<Self, Error> {
+        let log = OpenOptions::new()
+            .create(true)
+            .write(true)
+            .append(go_on)
+            .truncate(!go_on)
+            .open(path)
+            .map_err(|source| Error::Write { path: path.into(), source })?;
+        Ok(Self { path: path.into(), log, started: Instant::now() })
+    }
+
+    fn line(&mut self, mut value: serde_json::Value) -> Result<(), Error> {
+        value["seconds"] = json!(self.started.elapsed().as_secs());
+        writeln!(self.log, "{value}")
+            .map_err(|source| Error::Write { path: self.path.clone(), source })
+    }
+
+    /// A progress bar of a stage of `length` steps; 0 where the number is not known.
+    pub fn bar(&self, name: &str, length: u64) -> ProgressBar {
+        let bar = if length > 0 { ProgressBar::new(length) } else { ProgressBar::new_spinner() };
+        let style = ProgressStyle::with_template(
+            "{elapsed_precise} {wide_msg} {bar:30} {pos}/{len} {eta_precise} left",
+        );
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar.set_message(name.to_string());
+        bar
+    }
+
+    /// Says something on the terminal and in the log.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn note(&mut self, text: &str) -> Result<(), Error> {
+        eprintln!("{:>6} s  {text}", self.started.elapsed().as_secs());
+        self.line(json!({ "note": text }))
+    }
+
+    /// A round of boosting in the log.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn round(&mut self, stage: &str, round: &Round) -> Result<(), Error> {
+        self.line(json!({
+            "stage": stage,
+            "trees": round.trees,
+            "loss": round.train_loss,
+            "held_back": round.validation_loss,
+        }))
+    }
+
+    /// Writes the generated part of the card at `path`.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn card(
+        &self,
+        path: &Path,
+        model: &Path,
+        bytes: &[u8],
+        summary: &Summary,
+        time: Duration,
+    ) -> Result<(), Error> {
+        let Summary { clips, samples, held_back_clips, held_back_samples } = summary;
+        let name = model.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let generated = format!(
+            "{BEGIN}\n| | |\n| --- | --- |\n| model | `{name}`, {} bytes, CRC-32 {:08x} |\n| command | `{}` |\n\
+             | learned from | {samples} frames of {} clips |\n| held back to decide when to stop | \
+             {held_back_samples} frames of {held_back_clips} clips |\n| time | {} minutes |\n{END}",
+            bytes.len(),
+            crate::model::checksum(&bytes[20..]),
+            super::command(),
+            clips - held_back_clips,
+            time.as_secs().div_ceil(60),
+        );
+        let old = fs::read_to_string(path).unwrap_or_default();
+        let text: String = match (old.find(BEGIN), old.find(END)) {
+            (Some(begin), Some(end)) if begin < end => {
+                format!("{}{generated}{}", &old[..begin], &old[end + END.len()..])
+            }
+            _ => format!("{old}# {name}\n\n{generated}\n"),
+        };
+        super::write(path, text.as_bytes())
+    }
+}

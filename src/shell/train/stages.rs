@@ -1,0 +1,364 @@
+//! The stages of training, each from the parts before it.
+
+use super::TrainArgs;
+use super::boost::{
+    Booster, Data, Loss, Options, Round, Samples, TrainedForest, reject_thresholds,
+};
+use super::cubes::{self, Row};
+use super::file::Parts;
+use super::footage::{self, Depth, Footage, View, visit};
+use super::pool;
+use super::random::Random;
+use super::report::{Report, Summary};
+use super::windows::{self, Table, Window, balanced};
+use crate::detector::Config;
+use crate::levels::Pyramid;
+use crate::model::{Model, Section};
+use crate::shell::error::Error;
+use crate::shell::interrupt;
+use std::ops::ControlFlow;
+use std::vec::Vec;
+use std::{format, vec};
+
+/// Bins of a feature less one.
+const EDGES: usize = 63;
+
+/// Random windows drawn from each frame before the first round.
+const RANDOM_WINDOWS: usize = 12;
+
+/// Hard negatives taken from each frame in a round of mining.
+const HARD_WINDOWS: usize = 16;
+
+/// Features to choose from for φ_h and φ_v.
+const PATCH_FEATURES: usize = 900;
+
+/// The flights and the settings.
+pub struct Trainer<'a> {
+    args: &'a TrainArgs,
+    footage: Vec<Footage>,
+}
+
+impl<'a> Trainer<'a> {
+    /// Reads the flights.
+    pub fn load(args: &'a TrainArgs, report: &Report) -> Result<Self, Error> {
+        let bar = report.bar("reading clips", 0);
+        let footage = footage::load(&args.data, args.samples, args.hold_back, || bar.inc(1))?;
+        bar.finish_and_clear();
+        Ok(Self { args, footage })
+    }
+
+    /// What was learned from.
+    pub fn summary(&self) -> Summary {
+        let samples = |held_back| {
+            let clips = self.footage.iter().filter(|f| f.held_back == held_back);
+            clips.map(|f| f.samples.len()).sum()
+        };
+        Summary {
+            clips: self.footage.len(),
+            samples: samples(false),
+            held_back_clips: self.footage.iter().filter(|f| f.held_back).count(),
+            held_back_samples: samples(true),
+        }
+    }
+
+    fn config(&self, candidates: usize) -> impl Fn(usize, usize) -> Config + Sync + use<> {
+        let args = (self.args.no_registration, self.args.no_temporal, self.args.no_compensation);
+        move |width, height| Config {
+            candidates,
+            registration: !args.0,
+            temporal: !args.1,
+            compensation: !args.2,
+            ..Config::new(width, height)
+        }
+    }
+
+    /// Random numbers of one purpose, for one frame.
+    fn random(&self, purpose: u64, number: u32) -> Random {
+        let mut random = Random::new(self.args.seed ^ (purpose << 56) ^ (u64::from(number) << 16));
+        random.bits();
+        random
+    }
+
+    /// A number for each sampled frame.
+    fn number(&self, view: &View<'_>) -> u32 {
+        let before = self.footage.iter().take_while(|f| !std::ptr::eq(*f, view.footage));
+        let clip = before.count() as u32;
+        clip * 4096 + view.frame as u32
+    }
+
+    /// Shows every `part.1`th sampled frame, beginning with the `part.0`th, to `work`.
+    fn each<T: Send>(
+        &self,
+        report: &Report,
+        what: &str,
+        depth: Depth,
+        part: (usize, usize),
+        candidates: usize,
+        work: impl Fn(&View<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
+    ) -> Vec<T> {
+        let wanted = |clip: &Footage, frame: usize| {
+            let place = clip.samples.iter().position(|&f| f == frame);
+            place.is_some_and(|place| place % part.1 == part.0 % part.1)
+        };
+        let count: usize = self
+            .footage
+            .iter()
+            .map(|clip| clip.samples.iter().filter(|&&f| wanted(clip, f)).count())
+            .sum();
+        let bar = report.bar(what, count as u64);
+        let results = visit(
+            &self.footage,
+            self.config(candidates),
+            depth,
+            wanted,
+            || bar.inc(1),
+            |view, pyramid| if interrupt::requested() { Vec::new() } else { work(&view, pyramid) },
+        );
+        bar.finish_and_clear();
+        results.into_iter().flatten().collect()
+    }
+
+    /// The soft cascade over windows, with rounds of hard negatives from whole frames.
+    pub fn scan(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
+        let mut windows: Vec<Window> =
+            self.each(report, "windows", Depth::Newest, (0, 1), 1, |view, pyramid| {
+                let number = self.number(view);
+                let mut random = self.random(1, number);
+                let mut windows = windows::positives(view, pyramid, number);
+                windows.extend(windows::random_negatives(
+                    view,
+                    pyramid,
+                    RANDOM_WINDOWS,
+                    &mut random,
+                ));
+                windows
+            });
+        for round in 0..=self.args.mining {
+            let last = round == self.args.mining;
+            let trees = if last {
+                self.args.scan_trees
+            } else {
+                self.args.scan_trees >> (2 - round.min(2))
+            };
+            let table = Table::new(&windows, EDGES).map_err(training)?;
+            let options = Options {
+                rounds: trees,
+                depth: self.args.scan_depth,
+                shrinkage: 0.15,
+                min_hessian: 4.0,
+                lambda: 2.0,
+                feature_fraction: 0.15,
+                row_fraction: 0.6,
+                seed: self.args.seed + round as u64,
+                ..Options::new(Loss::Logistic)
+            };
+            let positives = windows.iter().filter(|w| w.target.is_some()).count();
+            report.note(&format!(
+                "scan, round {round}: {positives} positives, {} negatives",
+                windows.len() - positives
+            ))?;
+            let name = format!("scan {round}/{}", self.args.mining);
+            let mut forest = boost(report, &name, options, table.training(), table.validation())?;
+            // Thresholds from the targets held back, where there are any: those learned from score too well.
+            let held_back = table.validation().is_some();
+            let rows: Vec<usize> = (0..windows.len())
+                .filter(|&r| windows[r].target.is_some() && windows[r].held_back == held_back)
+                .collect();
+            let running = forest.running_scores(&table.samples, &rows).map_err(training)?;
+            let bags: Vec<u32> =
+                rows.iter().map(|&r| windows[r].target.unwrap_or_default()).collect();
+            let keep = if last { self.args.scan_keep } else { 0.99 };
+            forest.set_reject_thresholds(&reject_thresholds(&running, &bags, keep));
+            parts.set_forest(Section::Scan, &forest);
+            if last || interrupt::requested() {
+                break;
+            }
+            drop(table);
+            let bytes = parts.encode();
+            let model = Model::parse(&bytes).map_err(training)?;
+            let part = (round, 2);
+            let hard = self.each(
+                report,
+                "hard negatives",
+                Depth::Newest,
+                part,
+                HARD_WINDOWS,
+                |view, pyramid| {
+                    let size = (0, 0);
+                    let config = self.config(HARD_WINDOWS)(size.0, size.1);
+                    windows::hard_negatives(view, pyramid, &model, &config)
+                },
+            );
+            windows.extend(hard);
+        }
+        Ok(())
+    }
+
+    /// φ_h and φ_v.
+    pub fn regressors(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
+        let pool = pool::patch(PATCH_FEATURES, &mut self.random(2, 0));
+        let rows: Vec<Row> =
+            self.each(report, "patches", Depth::Newest, (0, 2), 1, |view, pyramid| {
+                let mut random = self.random(3, self.number(view));
+                cubes::patches(view, pyramid, &pool, &mut random)
+            });
+        let samples = columns(&rows)?;
+        let mut forests = Vec::new();
+        for (section, target) in [(Section::Horizontal, 0), (Section::Vertical, 1)] {
+            let forest = self.regressor(report, section, &rows, &samples, target)?;
+            forests.push((section, forest));
+        }
+        parts.set_forests(Section::PatchFeatures, &pool, forests);
+        Ok(())
+    }
+
+    /// One regressor of a component of the rows' offsets.
+    fn regressor(
+        &self,
+        report: &mut Report,
+        section: Section,
+        rows: &[Row],
+        samples: &Samples,
+        component: usize,
+    ) -> Result<TrainedForest, Error> {
+        let value =
+            |row: &Row| row.offset.map_or(0.0, |o| [o.x, o.y, o.width, o.height][component] as f32);
+        let targets: Vec<f32> = rows.iter().map(value).collect();
+        let weigh = |held_back: bool| -> Vec<f32> {
+            let used = |row: &Row| row.offset.is_some() && row.held_back == held_back;
+            rows.iter().map(|row| f32::from(u8::from(used(row)))).collect()
+        };
+        let (weights, held_back) = (weigh(false), weigh(true));
+        let options = Options {
+            rounds: self.args.regressor_trees,
+            depth: 4,
+            shrinkage: 0.15,
+            min_rows: 20,
+            feature_fraction: 0.25,
+            row_fraction: 0.6,
+            patience: 15,
+            seed: self.args.seed + component as u64,
+            ..Options::new(Loss::Squared)
+        };
+        let training = Data { samples, targets: &targets, weights: &weights };
+        let validation = Data { weights: &held_back, ..training };
+        let validation = held_back.iter().any(|&w| w > 0.0).then_some(validation);
+        boost(report, &format!("{section:?}"), options, training, validation)
+    }
+
+    /// The classifier of cubes and the box.
+    pub fn cubes(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
+        let pool = pool::cube(self.args.features, !self.args.no_temporal, &mut self.random(4, 0));
+        let bytes = parts.encode();
+        let model = Model::parse(&bytes).map_err(training)?;
+        let config = self.config(self.args.candidates)(0, 0);
+        let rows: Vec<Row> = self.each(
+            report,
+            "cubes",
+            Depth::Cube,
+            (0, 1),
+            self.args.candidates,
+            |view, pyramid| {
+                let number = self.number(view);
+                let mut random = self.random(5, number);
+                cubes::cubes(view, pyramid, &model, &config, &pool, number, &mut random)
+            },
+        );
+        let (found, missed) = (
+            rows.iter().filter(|r| r.scanned && r.offset.is_some()).count(),
+            rows.iter().filter(|r| r.scanned && r.offset.is_none()).count(),
+        );
+        report.note(&format!("cubes: {found} positives, {missed} negatives"))?;
+        let samples = columns(&rows)?;
+        let targets: Vec<f32> =
+            rows.iter().map(|r| if r.offset.is_some() { 1.0 } else { -1.0 }).collect();
+        let weigh = |held_back: bool| {
+            balanced(&targets, |r| rows[r].scanned && rows[r].held_back == held_back)
+        };
+        let (weights, held_back) = (weigh(false), weigh(true));
+        let options = Options {
+            rounds: self.args.cube_trees,
+            depth: self.args.cube_depth,
+            shrinkage: 0.1,
+            min_hessian: 4.0,
+            lambda: 2.0,
+            feature_fraction: 0.1,
+            row_fraction: 0.6,
+            patience: 60,
+            seed: self.args.seed,
+            ..Options::new(Loss::Logistic)
+        };
+        let data = Data { samples: &samples, targets: &targets, weights: &weights };
+        let validation = Data { weights: &held_back, ..data };
+        let validation = held_back.iter().any(|&w| w > 0.0).then_some(validation);
+        let mut forest = boost(report, "cube", options, data, validation)?;
+        let any_held_back = validation.is_some();
+        let kept: Vec<usize> = (0..rows.len())
+            .filter(|&r| targets[r] > 0.0 && rows[r].scanned && rows[r].held_back == any_held_back)
+            .collect();
+        let running = forest.running_scores(&samples, &kept).map_err(training)?;
+        let bags: Vec<u32> = kept.iter().map(|&r| rows[r].target).collect();
+        forest.set_reject_thresholds(&reject_thresholds(&running, &bags, 0.995));
+        let mut forests = vec![(Section::Cube, forest)];
+        for (component, section) in
+            [Section::BoxX, Section::BoxY, Section::BoxWidth, Section::BoxHeight]
+                .into_iter()
+                .enumerate()
+        {
+            forests.push((section, self.regressor(report, section, &rows, &samples, component)?));
+        }
+        parts.set_forests(Section::CubeFeatures, &pool, forests);
+        Ok(())
+    }
+}
+
+/// Bins the rows' values.
+fn columns(rows: &[Row]) -> Result<Samples, Error> {
+    let features = rows.first().map_or(0, |row| row.values.len());
+    let column = |i: usize| rows.iter().map(|row| row.values[i]).collect();
+    Samples::from_columns((0..features).map(column), EDGES).map_err(training)
+}
+
+/// Boosts with a progress bar and the log.
+fn boost(
+    report: &mut Report,
+    name: &str,
+    options: Options,
+    data: Data<'_>,
+    validation: Option<Data<'_>>,
+) -> Result<TrainedForest, Error> {
+    let bar = report.bar(name, options.rounds as u64);
+    let booster = Booster::new(options, data, validation).map_err(training)?;
+    let mut failed = None;
+    let (forest, best) = booster.run(|round: &Round| {
+        bar.inc(1);
+        bar.set_message(format!(
+            "{name}: loss {:.4}, held back {:.4}",
+            round.train_loss,
+            round.validation_loss.unwrap_or(f64::NAN)
+        ));
+        if let Err(error) = report.round(name, round) {
+            failed = Some(error);
+        }
+        if failed.is_some() || interrupt::requested() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    });
+    bar.finish_and_clear();
+    if let Some(error) = failed {
+        return Err(error);
+    }
+    report.note(&format!(
+        "{name}: {} trees, loss {:.4}, held back {:.4}",
+        best.trees,
+        best.train_loss,
+        best.validation_loss.unwrap_or(f64::NAN)
+    ))?;
+    Ok(forest)
+}
+
+fn training(source: impl core::fmt::Display) -> Error {
+    Error::Training { reason: format!("{source}") }
+}
