@@ -6,7 +6,7 @@
 
 use crate::gradient::{CELL, CellRow, ORIENTATIONS};
 use crate::image::Image;
-use crate::integral::{self, Builder, Integral};
+use crate::integral::{self, Builder, Entry, Integral};
 
 /// Difference images beside the grey one: tolerant to the last frame, tolerant and plain to the oldest of the ring.
 pub const DIFFERENCES: usize = 3;
@@ -109,10 +109,52 @@ pub fn noise(newest: &Integral<'_>) -> [u32; DIFFERENCES] {
     })
 }
 
+/// `65536 / (i + 16)`: reciprocals of means in quarters of a unit, with a floor of 4 units.
+static RECIPROCAL: [u16; 1024] = {
+    let mut table = [0; 1024];
+    let mut i = 0;
+    while i < 1024 {
+        table[i] = (65536 / (i + 16)) as u16;
+        i += 1;
+    }
+    table
+};
+
+/// Corners of the squares of one row of cells in a table: above and below the square, above and below the row itself.
+struct Rows<'a> {
+    table: Integral<'a>,
+    square: (i32, i32),
+    row: i32,
+}
+
+impl Rows<'_> {
+    /// Sums over the square around column `x` and over its middle cell.
+    #[inline(always)]
+    fn sums(&self, x: i32) -> (Entry, Entry) {
+        let (top, bottom) = self.square;
+        let square = self.table.box_sum(x - REACH, top, 2 * REACH + 1, bottom - top);
+        (square, self.table.box_sum(x, self.row, 1, 1))
+    }
+}
+
+/// Mean over the square in quarters of a unit, from its sum.
+#[inline(always)]
+fn quarter_mean(sum: u16) -> usize {
+    // 4 / 121 in Q16; at most 1020 since a value is at most 255.
+    ((u32::from(sum) * (4 * 65536 / AREA)) >> 16) as usize
+}
+
+/// 64 times `value` over the mean with reciprocal `reciprocal`, through [`ROOT`].
+#[inline(always)]
+fn ratio(value: u16, reciprocal: u16) -> u8 {
+    let ratio = (u32::from(value) * u32::from(reciprocal)) >> 8;
+    ROOT[ratio.min(1023) as usize]
+}
+
 /// Writes the scan's map of a level from its tables; `noise` as [`noise`] gives it, the same for all levels.
 ///
 /// Channels: 0..6 orientations and 6 magnitude against the mean magnitude around; 7 magnitude; 8 intensity against the
-/// mean around, relative to the magnitude around (128: equal); 9 the same in grey levels; 10..13 the differences
+/// mean around, relative to the magnitude around (128: equal); 9 the same in half grey levels; 10..13 the differences
 /// against the frame's noise; 13 and 15 two of them against their mean around; 14 the plain one against the magnitude.
 pub fn map(
     table: &Integral<'_>,
@@ -128,42 +170,44 @@ pub fn map(
     cells[(PADDING + rows) * stride..].fill(OUTSIDE);
     // Q16 reciprocals of the noise (Q4 quarters) with a floor of half a grey level.
     let calm = noise.map(|n| 65536 / (n + 32));
-    let root = |v: u32| ROOT[v.min(1023) as usize];
     for y in 0..rows {
         let row = &mut cells[(PADDING + y) * stride..(PADDING + y + 1) * stride];
         row[..PADDING].fill(OUTSIDE);
         row[PADDING + columns..].fill(OUTSIDE);
+        let cy = y as i32;
+        let square = ((cy - REACH).max(0), (cy + REACH + 1).min(rows as i32));
+        let energies = Rows { table: *table, square, row: cy };
+        let fresh = Rows { table: *newest, square, row: cy };
+        let mut inside = (0, 0);
         for (x, out) in row[PADDING..PADDING + columns].iter_mut().enumerate() {
-            let (cx, cy) = (x as i32, y as i32);
-            let (left, top, side) = (cx - REACH, cy - REACH, 2 * REACH + 1);
-            let around = table.box_sum(left, top, side, side).map(u32::from);
-            let fresh_around = newest.box_sum(left, top, side, side).map(u32::from);
-            let cell = table.box_sum(cx, cy, 1, 1).map(u32::from);
-            let fresh = newest.box_sum(cx, cy, 1, 1).map(u32::from);
-            // Cells of the square that lie in the picture.
-            let across = (cx + REACH + 1).min(columns as i32) - left.max(0);
-            let down = (cy + REACH + 1).min(rows as i32) - top.max(0);
-            let inside = (across * down) as u32;
-            // Ratios in Q6 to the mean around, which gets a floor of 2 grey levels (4 half levels of energy).
-            let scale = 65536 * 16 / (around[MAGNITUDE] + 4 * AREA);
-            let ratio = |v: u32| (v * AREA * scale) >> 14;
-            for o in 0..ORIENTATIONS {
-                out[o] = root(ratio(cell[o]));
+            let cx = x as i32;
+            let (around, cell) = energies.sums(cx);
+            let (fresh_around, fresh) = fresh.sums(cx);
+            // Cells of the square that lie in the picture, and their Q18 reciprocal: they change near edges only.
+            let across = (cx + REACH + 1).min(columns as i32) - (cx - REACH).max(0);
+            let count = (across * (square.1 - square.0)) as u32;
+            if inside.0 != count {
+                inside = (count, (1u32 << 18).div_ceil(count));
             }
-            out[6] = root(ratio(cell[MAGNITUDE]));
-            out[7] = root(cell[MAGNITUDE] * 4);
-            let mean = (fresh_around[0] * 4 + inside / 2) / inside;
-            let above = (fresh[0] * 4) as i32 - mean as i32;
-            out[8] = (128 + ((above * (AREA * scale) as i32) >> 18)).clamp(0, 255) as u8;
+            let energy = RECIPROCAL[quarter_mean(around[MAGNITUDE])];
+            for (out, value) in out[..=MAGNITUDE].iter_mut().zip(cell) {
+                *out = ratio(value, energy);
+            }
+            out[7] = ROOT[(usize::from(cell[MAGNITUDE]) * 4).min(1023)];
+            let mean = (u32::from(fresh_around[0]) * inside.1) >> 16;
+            let above = i32::from(fresh[0]) * 4 - mean as i32;
+            out[8] = (128 + ((above * i32::from(energy)) >> 10)).clamp(0, 255) as u8;
             out[9] = (128 + (above >> 1)).clamp(0, 255) as u8;
             for i in 0..DIFFERENCES {
-                out[10 + i] = root((fresh[i + 1] * 16 * calm[i]) >> 11);
+                let loud = (u32::from(fresh[i + 1]) * calm[i]) >> 7;
+                out[10 + i] = ROOT[loud.min(1023) as usize];
             }
             let local =
-                |i: usize| root(fresh[i + 1] * 64 * AREA / (fresh_around[i + 1] + 4 * AREA));
+                |i: usize| ratio(fresh[i + 1], RECIPROCAL[quarter_mean(fresh_around[i + 1])]);
             out[13] = local(1);
             out[15] = local(0);
-            out[14] = root(fresh[3] * 64 / (cell[MAGNITUDE] + 8));
+            // The plain difference against the magnitude of the cell alone.
+            out[14] = ratio(fresh[3], RECIPROCAL[usize::from(cell[MAGNITUDE]) * 4]);
         }
     }
 }
