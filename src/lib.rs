@@ -5,7 +5,12 @@
 extern crate std;
 
 pub mod detector;
+pub mod flow;
 pub mod image;
+pub mod linear;
 pub mod model;
+pub mod pyramid;
+pub mod registration;
 #[cfg(feature = "std")]
 pub mod shell;
+pub mod warp;

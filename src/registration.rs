@@ -1,0 +1,521 @@
+//! The camera's own motion: where each point of the background was one frame before (level 2).
+//!
+//! Corners of the new frame are tracked into the last one, from an eighth of the resolution to a half; at each step
+//! a motion of the whole picture is fitted to them robustly, and guides the next. Far background seen by a turning
+//! camera moves, to first order, by quadratic polynomials with eight parameters (Longuet-Higgins & Prazdny 1980;
+//! "planar motion"), which need no division for a point.
+
+use crate::flow;
+use crate::image::Image;
+use crate::linear;
+use crate::pyramid;
+
+/// Levels of the pyramid: a half, a quarter, an eighth of the frame.
+const LEVELS: usize = 3;
+
+/// Corners: at most one in each cell of this grid.
+const COLUMNS: usize = 20;
+/// See [`COLUMNS`].
+const ROWS: usize = 15;
+
+/// Smallest side of a cell, in pixels of the frame's half.
+const MIN_CELL: usize = 8;
+
+/// Smallest side of a level that is used beside the finest, in pixels of the level.
+const MIN_SIDE: usize = 48;
+
+/// Rounds of reweighting in a fit.
+const FIT_ROUNDS: usize = 6;
+
+/// A point this far from the fitted motion (or less) is never an outlier, in pixels, Q8.
+const MIN_THRESHOLD: i64 = 256;
+
+/// Fewest corners that agree in a valid motion.
+const MIN_INLIERS: usize = 10;
+
+/// Largest median distance of the corners from a valid motion, in pixels, Q8.
+const MAX_MEDIAN: i64 = 3 << 7;
+
+/// Weight of the prior that all parameters but the translation are 0: a 32nd of a corner at distance 1, in the units
+/// of the normal equations (Q32). It decides where the corners do not reach.
+const PRIOR: i64 = 1 << 27;
+
+/// Longer shifts are not believed, in pixels of the frame, Q8. Keeps the normal equations below 2^46.
+const MAX_SHIFT: i32 = 512 << 8;
+
+/// A motion of the whole picture: maps a point of a frame to where it was in the frame before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Motion {
+    /// Of the polynomials in [`Motion::shift`], in pixels, Q16.
+    parameters: [i32; 8],
+    /// Middle of the frame, in half pixels.
+    centre: (i32, i32),
+    /// Logarithm to base 2 of the length that the polynomials count as 1, in pixels.
+    scale: u32,
+    valid: bool,
+}
+
+impl Motion {
+    /// No motion, not measured.
+    pub const IDENTITY: Self = Self { parameters: [0; 8], centre: (0, 0), scale: 0, valid: false };
+
+    /// No motion, for frames of this size.
+    fn still(width: usize, height: usize) -> Self {
+        let scale = width.max(height).next_power_of_two().ilog2().saturating_sub(1);
+        Self { parameters: [0; 8], centre: (width as i32, height as i32), scale, valid: false }
+    }
+
+    /// Whether the background held enough to measure the motion; if not, the motion is none.
+    pub const fn is_valid(&self) -> bool {
+        self.valid
+    }
+
+    /// Whether every point stays where it is.
+    pub fn is_identity(&self) -> bool {
+        self.parameters == [0; 8]
+    }
+
+    /// Where the point (x, y) of the frame was in the frame before, both in pixels, Q8.
+    pub fn map(&self, x: i32, y: i32) -> (i32, i32) {
+        let (dx, dy) = self.shift(x, y);
+        (x.saturating_add(dx), y.saturating_add(dy))
+    }
+
+    /// Shift of the point (x, y) towards the frame before, all in pixels, Q8.
+    fn shift(&self, x: i32, y: i32) -> (i32, i32) {
+        let (x, y) = self.normalised(x, y);
+        let [a, d, b, c, e, f, g, h] = self.parameters.map(i64::from);
+        let bent = g * x + h * y;
+        let along = |p: i64, q: i64, r: i64, v: i64| {
+            let slope = q * x + r * y + (bent >> 16) * v;
+            ((p + (slope >> 16) + 128) >> 8) as i32
+        };
+        (along(a, b, c, x), along(d, e, f, y))
+    }
+
+    /// The point relative to the middle of the frame, Q16; points far outside are brought nearer.
+    fn normalised(&self, x: i32, y: i32) -> (i64, i64) {
+        let relative = |v: i32, centre: i32| {
+            let v = (i64::from(v) - (i64::from(centre) << 7)) << 8 >> self.scale;
+            v.clamp(-1 << 18, 1 << 18)
+        };
+        (relative(x, self.centre.0), relative(y, self.centre.1))
+    }
+}
+
+/// A corner of the new frame and its shift towards the last one, in pixels of the frame, Q8.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sample {
+    x: i32,
+    y: i32,
+    dx: i32,
+    dy: i32,
+}
+
+/// The corners of a frame that could be tracked.
+type Samples = heapless::Vec<Sample, { COLUMNS * ROWS }>;
+
+/// Measures the motion of the background from frame to frame. Its memory is the caller's.
+#[derive(Debug, Clone)]
+pub struct Registration {
+    width: usize,
+    height: usize,
+    /// Whether the last frame's pyramid is in the buffer.
+    primed: bool,
+    /// Whether the last frame's pyramid is in the second half of the buffer.
+    swapped: bool,
+}
+
+impl Registration {
+    /// Bytes of the buffer for frames of this size.
+    pub const fn buffer_len(width: usize, height: usize) -> usize {
+        2 * Self::pyramid_len(width, height)
+    }
+
+    const fn pyramid_len(width: usize, height: usize) -> usize {
+        let (mut len, mut level) = (0, 1);
+        while level <= LEVELS {
+            len += (width >> level) * (height >> level);
+            level += 1;
+        }
+        len
+    }
+
+    /// For frames of this size; no frame seen yet.
+    pub const fn new(width: usize, height: usize) -> Self {
+        Self { width, height, primed: false, swapped: false }
+    }
+
+    /// The motion that leads from `frame` back to the frame of the last call; not valid for the first frame and where
+    /// the pictures give nothing to hold on to. `buffer` must be that of the last call.
+    ///
+    /// Panics if the frame has another size than given to [`Registration::new`] or the buffer fewer bytes than
+    /// [`Registration::buffer_len`].
+    pub fn register(&mut self, frame: Image<'_>, buffer: &mut [u8]) -> Motion {
+        assert_eq!((frame.width(), frame.height()), (self.width, self.height), "size of the frame");
+        let len = Self::pyramid_len(self.width, self.height);
+        let (first, second) = buffer[..2 * len].split_at_mut(len);
+        let (new, old) = if self.swapped { (first, second) } else { (second, first) };
+        let new = build(frame, new);
+        self.swapped = !self.swapped;
+        if !core::mem::replace(&mut self.primed, true) {
+            return Motion::IDENTITY;
+        }
+        let old = levels(self.width, self.height, old);
+        self.measure(&new, &old)
+    }
+
+    fn measure(&self, new: &[Image<'_>; LEVELS], old: &[Image<'_>; LEVELS]) -> Motion {
+        let corners = corners(new[0]);
+        let still = Motion::still(self.width, self.height);
+        let mut motion = still;
+        // A level of few pixels shows the windows only the middle of the picture.
+        let side = |level: usize| new[level].width().min(new[level].height());
+        let coarsest = (1..LEVELS).rev().find(|&level| side(level) >= MIN_SIDE).unwrap_or(0);
+        for level in (0..=coarsest).rev() {
+            let bits = level as u32 + 1;
+            let mut samples = Samples::new();
+            for &(x, y) in &corners {
+                let (dx, dy) = motion.shift(x, y);
+                let guess = (dx >> bits, dy >> bits);
+                let found = flow::track(new[level], old[level], (x >> bits, y >> bits), guess);
+                let Some((dx, dy)) = found else { continue };
+                let (dx, dy) = (dx << bits, dy << bits);
+                if dx.abs().max(dy.abs()) < MAX_SHIFT {
+                    // There are no more corners than the samples have room for.
+                    let _ = samples.push(Sample { x, y, dx, dy });
+                }
+            }
+            motion = fit(still, &samples, if level == 0 { 8 } else { 6 });
+        }
+        if motion.valid { motion } else { Motion::IDENTITY }
+    }
+}
+
+/// Writes the pyramid of `frame` and returns its levels, finest first.
+fn build<'b>(frame: Image<'_>, mut buffer: &'b mut [u8]) -> [Image<'b>; LEVELS] {
+    let mut pyramid = [EMPTY; LEVELS];
+    let mut above = frame;
+    for level in &mut pyramid {
+        let (width, height) = (above.width() / 2, above.height() / 2);
+        let (pixels, rest) = buffer.split_at_mut(width * height);
+        pyramid::halve(above, pixels);
+        *level = Image::packed(pixels, width, height).unwrap_or(EMPTY);
+        above = *level;
+        buffer = rest;
+    }
+    pyramid
+}
+
+/// The levels of a pyramid written before by [`build`].
+fn levels(width: usize, height: usize, mut buffer: &[u8]) -> [Image<'_>; LEVELS] {
+    core::array::from_fn(|level| {
+        let (width, height) = (width >> (level + 1), height >> (level + 1));
+        let (pixels, rest) = buffer.split_at(width * height);
+        buffer = rest;
+        Image::packed(pixels, width, height).unwrap_or(EMPTY)
+    })
+}
+
+const EMPTY: Image<'static> = match Image::packed(&[], 0, 0) {
+    Ok(image) => image,
+    Err(_) => unreachable!(),
+};
+
+/// The strongest corner of each cell of `half`, in pixels of the frame, Q8.
+fn corners(half: Image<'_>) -> heapless::Vec<(i32, i32), { COLUMNS * ROWS }> {
+    let side = |length: usize, cells: usize| length.div_ceil(cells).max(MIN_CELL);
+    let (width, height) = (side(half.width(), COLUMNS), side(half.height(), ROWS));
+    let mut corners = heapless::Vec::new();
+    for top in (0..half.height()).step_by(height) {
+        for left in (0..half.width()).step_by(width) {
+            if let Some((x, y)) = flow::corner(half, (left, top), (left + width, top + height)) {
+                // The middle of a pixel of the half lies at 2 * (x + 1/2) of the frame.
+                let _ = corners.push(((2 * x as i32 + 1) << 8, (2 * y as i32 + 1) << 8));
+            }
+        }
+    }
+    corners
+}
+
+/// The motion with up to `unknowns` parameters that most samples agree on: least squares, reweighted (Tukey's biweight)
+/// with a threshold that follows the median distance down. Starts from the median shift.
+fn fit(still: Motion, samples: &[Sample], unknowns: usize) -> Motion {
+    if samples.len() < MIN_INLIERS {
+        return still;
+    }
+    let mut motion = still;
+    motion.parameters[0] = median(samples.iter().map(|s| i64::from(s.dx))) as i32 * 256;
+    motion.parameters[1] = median(samples.iter().map(|s| i64::from(s.dy))) as i32 * 256;
+    let mut threshold = spread(&motion, samples);
+    for round in 0..FIT_ROUNDS {
+        let unknowns = if round < 2 { unknowns.min(6) } else { unknowns };
+        let Some(better) = weighted_fit(&motion, samples, unknowns, threshold) else {
+            return still;
+        };
+        motion = better;
+        threshold = spread(&motion, samples);
+    }
+    let inliers = samples.iter().filter(|s| distance(&motion, s) < threshold).count();
+    motion.valid = inliers >= MIN_INLIERS && threshold <= 3 * MAX_MEDIAN;
+    motion
+}
+
+/// Distance beyond which a sample is an outlier: three times the median, in pixels, Q8.
+fn spread(motion: &Motion, samples: &[Sample]) -> i64 {
+    (3 * median(samples.iter().map(|s| distance(motion, s)))).max(MIN_THRESHOLD)
+}
+
+/// Larger of the distances in x and y between a sample and where the motion puts it, in pixels, Q8.
+fn distance(motion: &Motion, sample: &Sample) -> i64 {
+    let (dx, dy) = motion.shift(sample.x, sample.y);
+    i64::from((sample.dx - dx).abs().max((sample.dy - dy).abs()))
+}
+
+/// Median (the upper one of two) of at least one and at most as many values as there are cells.
+fn median(values: impl Iterator<Item = i64>) -> i64 {
+    let mut values: heapless::Vec<i64, { COLUMNS * ROWS }> = values.collect();
+    let middle = values.len() / 2;
+    *values.select_nth_unstable(middle).1
+}
+
+/// One least-squares fit, samples weighted by their distance from `motion`.
+fn weighted_fit(
+    motion: &Motion,
+    samples: &[Sample],
+    unknowns: usize,
+    threshold: i64,
+) -> Option<Motion> {
+    let (mut matrix, mut right) = ([[0i64; 8]; 8], [0i64; 8]);
+    for (i, row) in matrix.iter_mut().enumerate().skip(2) {
+        row[i] = PRIOR;
+    }
+    for sample in samples {
+        let inside = 256 - distance(motion, sample).min(threshold).pow(2) * 256 / threshold.pow(2);
+        let weight = (inside * inside) >> 8;
+        if weight == 0 {
+            continue;
+        }
+        let (x, y) = motion.normalised(sample.x, sample.y);
+        let (x, y) = (x >> 4, y >> 4); // Q12
+        let (xx, xy, yy) = ((x * x) >> 12, (x * y) >> 12, (y * y) >> 12);
+        let across = [4096, 0, x, y, 0, 0, xx, xy];
+        let down = [0, 4096, 0, 0, x, y, xy, yy];
+        for (row, shift) in [(across, sample.dx), (down, sample.dy)] {
+            for i in 0..8 {
+                let weighted = weight * row[i];
+                for j in i..8 {
+                    matrix[i][j] += weighted * row[j];
+                }
+                right[i] += weighted * i64::from(shift);
+            }
+        }
+    }
+    // Rows are Q12, shifts Q8, parameters Q16.
+    let solution = linear::solve(&matrix, &right, unknowns, 20)?;
+    Some(Motion { parameters: solution.map(|v| v.clamp(-1 << 26, 1 << 26) as i32), ..*motion })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flow::tests::{render, texture};
+    use proptest::prelude::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// Registers two frames of a size, the older first.
+    fn register(w: usize, h: usize, older: &[u8], newer: &[u8]) -> Motion {
+        let mut buffer = vec![0xa5; Registration::buffer_len(w, h)];
+        let mut registration = Registration::new(w, h);
+        let view = |pixels| Image::packed(pixels, w, h).unwrap();
+        assert_eq!(registration.register(view(older), &mut buffer), Motion::IDENTITY);
+        registration.register(view(newer), &mut buffer)
+    }
+
+    /// Largest distance over the frame between a motion and the true one, in pixels.
+    fn error(w: usize, h: usize, motion: &Motion, truth: impl Fn(f64, f64) -> (f64, f64)) -> f64 {
+        let mut worst = 0f64;
+        for (x, y) in (0..=8).flat_map(|j| (0..=8).map(move |i| (w * i / 8, h * j / 8))) {
+            let (gx, gy) = motion.map((x << 8) as i32, (y << 8) as i32);
+            let (tx, ty) = truth(x as f64, y as f64);
+            worst = worst.max((f64::from(gx) / 256.0 - tx).hypot(f64::from(gy) / 256.0 - ty));
+        }
+        worst
+    }
+
+    /// Where a camera of focal length 560 px that has turned by these angles (radians) saw a point before.
+    fn turned(
+        w: usize,
+        h: usize,
+        [yaw, pitch, roll]: [f64; 3],
+    ) -> impl Fn(f64, f64) -> (f64, f64) + Copy {
+        let (cx, cy) = (w as f64 / 2.0, h as f64 / 2.0);
+        move |x, y| {
+            let (x, y, z) = ((x - cx) / 560.0, (y - cy) / 560.0, 1.0);
+            let (x, y) = (x * roll.cos() - y * roll.sin(), x * roll.sin() + y * roll.cos());
+            let (y, z) = (y * pitch.cos() - z * pitch.sin(), y * pitch.sin() + z * pitch.cos());
+            let (x, z) = (x * yaw.cos() + z * yaw.sin(), z * yaw.cos() - x * yaw.sin());
+            (x / z * 560.0 + cx, y / z * 560.0 + cy)
+        }
+    }
+
+    #[test]
+    fn recovers_turns_shifts_and_zoom() {
+        for (w, h) in [(320, 240), (333, 251)] {
+            let older = render(w, h, texture);
+            for angles in [[0.02, 0.0, 0.0], [0.004, -0.015, 0.01], [-0.012, 0.008, -0.03]] {
+                let truth = turned(w, h, angles);
+                let newer = render(w, h, |x, y| {
+                    let (x, y) = truth(x, y);
+                    texture(x, y)
+                });
+                let motion = register(w, h, &older, &newer);
+                assert!(motion.is_valid());
+                let error = error(w, h, &motion, truth);
+                assert!(error < 0.15, "{angles:?} {error} {motion:?}");
+            }
+            for (zoom, dx, dy) in [(1.0, 7.3, -4.8), (1.02, 0.0, 0.0), (0.985, -3.2, 14.5)] {
+                let truth = |x: f64, y: f64| (x * zoom + dx, y * zoom + dy);
+                let newer = render(w, h, |x, y| texture(truth(x, y).0, truth(x, y).1));
+                let motion = register(w, h, &older, &newer);
+                assert!(motion.is_valid() && error(w, h, &motion, truth) < 0.15, "{motion:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn noise_and_a_large_moving_thing_do_not_mislead() {
+        let (w, h) = (320, 240);
+        let truth = turned(w, h, [0.01, 0.005, 0.01]);
+        let mut state = 1u32;
+        let mut noisy = |mut pixels: Vec<u8>| {
+            for p in &mut pixels {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                *p = p.saturating_add_signed((state >> 24) as i8 / 20);
+            }
+            pixels
+        };
+        // A fifth of the picture moves its own way, with the texture of somewhere else.
+        let thing = |x: f64, y: f64| (60.0..170.0).contains(&x) && (40.0..190.0).contains(&y);
+        let older =
+            noisy(render(
+                w,
+                h,
+                |x, y| {
+                    if thing(x, y) { texture(x + 999.0, y) } else { texture(x, y) }
+                },
+            ));
+        let newer = noisy(render(w, h, |x, y| {
+            if thing(x - 5.0, y + 3.0) {
+                texture(x - 5.0 + 999.0, y + 3.0)
+            } else {
+                texture(truth(x, y).0, truth(x, y).1)
+            }
+        }));
+        let motion = register(w, h, &older, &newer);
+        assert!(motion.is_valid() && error(w, h, &motion, truth) < 0.15, "{motion:?}");
+        assert_eq!(motion, register(w, h, &older, &newer), "the same again");
+    }
+
+    #[test]
+    fn nothing_to_hold_on_to_is_no_motion() {
+        // A bright sky with noise, and one drone in it that moves.
+        let sky = |seed: usize, x0: f64| {
+            render(320, 240, move |x, y| {
+                let noise =
+                    ((x as usize * 7919 + y as usize * 104_729 + seed) * 2_654_435_761) >> 7;
+                let drone = (x - x0).abs() < 12.0 && (y - 90.0).abs() < 6.0;
+                if drone { 60.0 + 8.0 * x.sin() } else { 190.0 + y / 8.0 + (noise % 5) as f64 }
+            })
+        };
+        assert_eq!(register(320, 240, &sky(1, 100.0), &sky(5, 104.0)), Motion::IDENTITY);
+        assert_eq!(register(320, 240, &[0; 76_800], &[255; 76_800]), Motion::IDENTITY);
+        for (w, h) in [(0, 0), (0, 9), (1, 1), (7, 5), (16, 16), (640, 3), (29, 31)] {
+            let pixels = render(w, h, texture);
+            assert_eq!(register(w, h, &pixels, &pixels), Motion::IDENTITY, "{w}x{h}");
+        }
+    }
+
+    #[test]
+    fn a_still_picture_stays_exactly_where_it_is_and_stride_does_not_matter() {
+        let pixels = render(200, 150, texture);
+        let motion = register(200, 150, &pixels, &pixels);
+        assert!(motion.is_valid() && motion.is_identity());
+
+        let view = |stride| Image::new(&pixels, 141, 101, stride).unwrap();
+        let mut results = [139usize, 200].map(|_| Motion::IDENTITY);
+        let packed: Vec<u8> = (0..101).flat_map(|y| view(200).row(y).to_vec()).collect();
+        let frames = [Image::packed(&packed, 141, 101).unwrap(), view(200)];
+        for (result, frame) in results.iter_mut().zip(frames) {
+            let mut buffer = vec![0; Registration::buffer_len(141, 101)];
+            let mut registration = Registration::new(141, 101);
+            registration.register(view(199), &mut buffer);
+            *result = registration.register(frame, &mut buffer);
+        }
+        assert_eq!(results[0], results[1]);
+    }
+
+    proptest! {
+        #[test]
+        fn one_fit_agrees_with_f64(parameters in proptest::array::uniform8(-8.0..8.0f64), jitter in proptest::collection::vec((0..640i32, 0..480i32, -400..400i32, -400..400i32), 30..200)) {
+            let still = Motion::still(640, 480);
+            let basis = |x: i32, y: i32| {
+                let (x, y) = ((f64::from(x) - 320.0) / 512.0, (f64::from(y) - 240.0) / 512.0);
+                [[1.0, 0.0, x, y, 0.0, 0.0, x * x, x * y], [0.0, 1.0, 0.0, 0.0, x, y, x * y, y * y]]
+            };
+            let dot = |a: [f64; 8], b: [f64; 8]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+            let samples: Vec<Sample> = jitter.iter().map(|&(x, y, jx, jy)| {
+                let [dx, dy] = basis(x, y).map(|row| (dot(row, parameters) * 256.0) as i32);
+                Sample { x: x << 8, y: y << 8, dx: dx + jx, dy: dy + jy }
+            }).collect();
+            let threshold = 12 << 8;
+            let got = weighted_fit(&still, &samples, 8, threshold).unwrap();
+
+            let mut system = [[0.0; 9]; 8];
+            for (i, row) in system.iter_mut().enumerate().skip(2) {
+                row[i] = 1.0 / 32.0;
+            }
+            for s in &samples {
+                let r = f64::from(s.dx.abs().max(s.dy.abs())) / 256.0;
+                let weight = (1.0 - (r / 12.0).min(1.0).powi(2)).powi(2);
+                for (row, shift) in basis(s.x >> 8, s.y >> 8).iter().zip([s.dx, s.dy]) {
+                    for i in 0..8 {
+                        for j in 0..8 {
+                            system[i][j] += weight * row[i] * row[j];
+                        }
+                        system[i][8] += weight * row[i] * f64::from(shift) / 256.0;
+                    }
+                }
+            }
+            prop_assume!(system[0][0] > 10.0);
+            for k in 0..8 {
+                for i in (0..8).filter(|&i| i != k) {
+                    let (factor, pivot) = (system[i][k] / system[k][k], system[k]);
+                    system[i].iter_mut().zip(pivot).for_each(|(v, p)| *v -= factor * p);
+                }
+            }
+            let want: [f64; 8] = core::array::from_fn(|k| system[k][8] / system[k][k]);
+            let truth = |x: f64, y: f64| {
+                let [dx, dy] = basis(x as i32, y as i32).map(|row| dot(row, want));
+                (x + dx, y + dy)
+            };
+            prop_assert!(error(640, 480, &got, truth) < 0.1);
+        }
+
+        #[test]
+        fn any_bytes_will_do(w in 0..90usize, h in 0..90usize, seed: u64) {
+            let mut state = seed | 1;
+            let frames: [Vec<u8>; 3] = core::array::from_fn(|_| (0..w * h).map(|_| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                (state >> 56) as u8
+            }).collect());
+            let mut buffer = vec![0; Registration::buffer_len(w, h)];
+            let mut registration = Registration::new(w, h);
+            for frame in &frames {
+                let motion = registration.register(Image::packed(frame, w, h).unwrap(), &mut buffer);
+                let _ = (motion.map(i32::MAX, i32::MIN), motion.map(0, 0));
+            }
+        }
+    }
+}

@@ -1,0 +1,263 @@
+//! An older frame seen from where the camera is now, and what differs (level 3).
+
+use crate::image::Image;
+use crate::registration::Motion;
+
+/// Side of the blocks whose corners are mapped exactly; inside, positions are interpolated.
+const BLOCK: usize = 16;
+
+/// Resamples `previous`, the frame `chain.len()` frames before `current`, to the geometry of `current`: `chain` holds
+/// the motions from `current` to the frame before it, from there to the one before, and so on. Pixels that `previous`
+/// did not see take the value of `current`. `out` is packed, `width * height` bytes.
+///
+/// Panics if the frames differ in size or `out` has fewer bytes than they have pixels.
+pub fn warp(previous: Image<'_>, current: Image<'_>, chain: &[Motion], out: &mut [u8]) {
+    let (width, height) = (current.width(), current.height());
+    assert_eq!((previous.width(), previous.height()), (width, height), "size of the frames");
+    if width == 0 || height == 0 {
+        return;
+    }
+    let out = &mut out[..width * height];
+    if chain.iter().all(Motion::is_identity) {
+        for (y, out) in out.chunks_exact_mut(width).enumerate() {
+            out.copy_from_slice(previous.row(y));
+        }
+        return;
+    }
+    for top in (0..height).step_by(BLOCK) {
+        let rows = BLOCK.min(height - top);
+        let mut left = [knot(chain, 0, top), knot(chain, 0, top + BLOCK)];
+        for x in (0..width).step_by(BLOCK) {
+            let right = [knot(chain, x + BLOCK, top), knot(chain, x + BLOCK, top + BLOCK)];
+            for j in 0..rows {
+                let y = top + j;
+                let start = between(left, j);
+                let end = between(right, j);
+                let slope = ((end.0 - start.0) >> 4, (end.1 - start.1) >> 4);
+                let segment = Segment { x, y, shift: start, slope };
+                let columns = BLOCK.min(width - x);
+                let out = &mut out[y * width + x..][..columns];
+                if let Ok(out) = <&mut [u8; BLOCK]>::try_from(&mut *out)
+                    && segment.copy_straight(previous, out)
+                {
+                    continue;
+                }
+                segment.copy(previous, &current.row(y)[x..x + columns], out);
+            }
+            left = right;
+        }
+    }
+}
+
+/// Shift of the centre of pixel (x, y) through the whole chain, in pixels, Q16.
+fn knot(chain: &[Motion], x: usize, y: usize) -> (i32, i32) {
+    let start = (((2 * x + 1) << 7) as i32, ((2 * y + 1) << 7) as i32);
+    let end = chain.iter().fold(start, |(x, y), motion| motion.map(x, y));
+    // Farther than any picture reaches, and no overflow in what follows.
+    let limit = |v: i32| v.clamp(-1 << 21, 1 << 21) << 8;
+    (limit(end.0.saturating_sub(start.0)), limit(end.1.saturating_sub(start.1)))
+}
+
+/// The shift in row `j` of a block, from those at its upper and lower corner.
+fn between([upper, lower]: [(i32, i32); 2], j: usize) -> (i32, i32) {
+    let blend = |a: i32, b: i32| a + ((b - a) >> 4) * j as i32;
+    (blend(upper.0, lower.0), blend(upper.1, lower.1))
+}
+
+/// Part of a row of one block.
+struct Segment {
+    x: usize,
+    y: usize,
+    /// Shift of its first pixel, in pixels, Q16.
+    shift: (i32, i32),
+    /// By how much the shift grows from pixel to pixel, Q16.
+    slope: (i32, i32),
+}
+
+impl Segment {
+    /// Samples all pixels from two runs of consecutive bytes, which the compiler turns into vector instructions. False
+    /// when that cannot be: the whole part of the shift changes on the way, or pixels are missing.
+    fn copy_straight(&self, from: Image<'_>, out: &mut [u8; BLOCK]) -> bool {
+        const LAST: i32 = BLOCK as i32 - 1;
+        // Half a sixteenth, to round.
+        let (dx, dy) = (self.shift.0 + (1 << 11), self.shift.1 + (1 << 11));
+        let whole = (dx >> 16, dy >> 16);
+        if ((dx + LAST * self.slope.0) >> 16, (dy + LAST * self.slope.1) >> 16) != whole {
+            return false;
+        }
+        let (Ok(x), Ok(y)) =
+            (usize::try_from(self.x as i32 + whole.0), usize::try_from(self.y as i32 + whole.1))
+        else {
+            return false;
+        };
+        if x + BLOCK >= from.width() || y + 1 >= from.height() {
+            return false;
+        }
+        let run = |y: usize| <&[u8; BLOCK + 1]>::try_from(&from.row(y)[x..=x + BLOCK]);
+        let (Ok(upper), Ok(lower)) = (run(y), run(y + 1)) else { return false };
+        let (dx, dy) = (dx as u16, dy as u16);
+        let (across, down) = (self.slope.0 as u16, self.slope.1 as u16);
+        for (i, out) in out.iter_mut().enumerate() {
+            let wx = dx.wrapping_add(across.wrapping_mul(i as u16)) >> 12;
+            let wy = dy.wrapping_add(down.wrapping_mul(i as u16)) >> 12;
+            let a = u16::from(upper[i]) * (16 - wx) + u16::from(upper[i + 1]) * wx;
+            let b = u16::from(lower[i]) * (16 - wx) + u16::from(lower[i + 1]) * wx;
+            *out = ((a * (16 - wy) + b * wy + 128) >> 8) as u8;
+        }
+        true
+    }
+
+    /// Samples pixel by pixel; those outside of `from` come from `instead`.
+    fn copy(&self, from: Image<'_>, instead: &[u8], out: &mut [u8]) {
+        let (last_x, last_y) = (from.width() as i32 - 1, from.height() as i32 - 1);
+        let (mut dx, mut dy) = (self.shift.0 + (1 << 11), self.shift.1 + (1 << 11));
+        for (i, (out, &instead)) in out.iter_mut().zip(instead).enumerate() {
+            let (x, y) = ((self.x + i) as i32 + (dx >> 16), self.y as i32 + (dy >> 16));
+            let (wx, wy) = (dx as u16 >> 12, dy as u16 >> 12);
+            dx += self.slope.0;
+            dy += self.slope.1;
+            let beyond = |v: i32, w: u16, last: i32| v < 0 || v > last || (v == last && w > 0);
+            if beyond(x, wx, last_x) || beyond(y, wy, last_y) {
+                *out = instead;
+                continue;
+            }
+            let next = (x + 1).min(last_x) as usize;
+            let across = |y: i32| {
+                let row = from.row(y as usize);
+                u16::from(row[x as usize]) * (16 - wx) + u16::from(row[next]) * wx
+            };
+            let (a, b) = (across(y), across((y + 1).min(last_y)));
+            *out = ((a * (16 - wy) + b * wy + 128) >> 8) as u8;
+        }
+    }
+}
+
+/// How far each pixel of `current` lies outside the range of the 3x3 pixels around it in `warped`, in grey levels: 0
+/// where the older frame, moved by up to a pixel, explains it. Both slices are packed, `width * height` bytes.
+///
+/// Panics if a slice has fewer bytes than the frame has pixels.
+pub fn temporal_difference(current: Image<'_>, warped: &[u8], out: &mut [u8]) {
+    const STRIP: usize = 64;
+    let (width, height) = (current.width(), current.height());
+    if width == 0 || height == 0 {
+        return;
+    }
+    let (warped, out) = (&warped[..width * height], &mut out[..width * height]);
+    for (y, out) in out.chunks_exact_mut(width).enumerate() {
+        let row = |y: usize| &warped[y * width..][..width];
+        let rows = [row(y.saturating_sub(1)), row(y), row((y + 1).min(height - 1))];
+        let here = current.row(y);
+        // Lowest and highest of each column's three pixels, with a column on either side.
+        let (mut low, mut high) = ([0u8; STRIP + 2], [0u8; STRIP + 2]);
+        for left in (0..width).step_by(STRIP) {
+            let right = (left + STRIP).min(width);
+            let columns = |a: usize, b: usize| rows.map(|row| &row[a..b]);
+            let extremes = |[a, b, c]: [u8; 3]| (a.min(b).min(c), a.max(b).max(c));
+            let inner = columns(left, right);
+            let n = right - left;
+            for (i, (low, high)) in low[1..=n].iter_mut().zip(&mut high[1..=n]).enumerate() {
+                (*low, *high) = extremes(inner.map(|row| row[i]));
+            }
+            let (before, after) = (left.saturating_sub(1), right.min(width - 1));
+            (low[0], high[0]) = extremes(rows.map(|row| row[before]));
+            (low[n + 1], high[n + 1]) = extremes(rows.map(|row| row[after]));
+            for (i, (out, &value)) in
+                out[left..right].iter_mut().zip(&here[left..right]).enumerate()
+            {
+                let low = low[i].min(low[i + 1]).min(low[i + 2]);
+                let high = high[i].max(high[i + 1]).max(high[i + 2]);
+                *out = low.saturating_sub(value) | value.saturating_sub(high);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flow::tests::{render, texture};
+    use crate::registration::Registration;
+    use proptest::prelude::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// A measured motion: the texture turned by an angle and shifted.
+    fn motion(w: usize, h: usize, angle: f64, dx: f64, dy: f64) -> Motion {
+        let mut buffer = vec![0; Registration::buffer_len(w, h)];
+        let mut registration = Registration::new(w, h);
+        for k in [0.0, 1.0] {
+            let (s, c) = (k * angle).sin_cos();
+            let frame =
+                render(w, h, |x, y| texture(x * c - y * s + k * dx, x * s + y * c + k * dy));
+            let result = registration.register(Image::packed(&frame, w, h).unwrap(), &mut buffer);
+            if k > 0.0 {
+                assert!(result.is_valid());
+                return result;
+            }
+        }
+        unreachable!()
+    }
+
+    #[test]
+    fn warping_agrees_with_f64() {
+        for (w, h, chain) in [
+            (320, 240, vec![motion(320, 240, 0.02, 3.3, -2.0)]),
+            (333, 251, vec![motion(333, 251, -0.01, -4.0, 6.6), motion(333, 251, 0.03, 1.0, 2.0)]),
+            (333, 251, vec![motion(333, 251, 0.0, 12.0, 0.0); 3]),
+        ] {
+            let previous = render(w, h, |x, y| texture(x / 2.0, y / 2.0));
+            let current: Vec<u8> = previous.iter().map(|v| v ^ 255).collect();
+            let view = |p| Image::packed(p, w, h).unwrap();
+            let mut out = vec![0; w * h];
+            warp(view(&previous), view(&current), &chain, &mut out);
+            for (i, &got) in out.iter().enumerate() {
+                let (x, y) = ((i % w) as i32, (i / w) as i32);
+                let start = (x * 256 + 128, y * 256 + 128);
+                let (sx, sy) = chain.iter().fold(start, |(x, y), m| m.map(x, y));
+                let (sx, sy) = (f64::from(sx) / 256.0 - 0.5, f64::from(sy) / 256.0 - 0.5);
+                let inside = |s: f64, last: usize, by: f64| s > by && s < last as f64 - by;
+                if inside(sx, w - 1, 0.1) && inside(sy, h - 1, 0.1) {
+                    let p = |i: usize, j: usize| f64::from(previous[j * w + i]);
+                    let (x0, y0) = (sx as usize, sy as usize);
+                    let (fx, fy) = (sx - x0 as f64, sy - y0 as f64);
+                    let upper = p(x0, y0) * (1.0 - fx) + p(x0 + 1, y0) * fx;
+                    let lower = p(x0, y0 + 1) * (1.0 - fx) + p(x0 + 1, y0 + 1) * fx;
+                    let want = upper * (1.0 - fy) + lower * fy;
+                    assert!((f64::from(got) - want).abs() < 4.0, "{x} {y}: {got} {want}");
+                } else if !(inside(sx, w - 1, -0.1) && inside(sy, h - 1, -0.1)) {
+                    assert_eq!(got, current[i], "outside, {x} {y}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn without_motion_it_is_a_copy() {
+        let pixels = render(41, 23, texture);
+        let (previous, current) =
+            (Image::new(&pixels, 38, 23, 41).unwrap(), Image::packed(&[7; 874], 38, 23).unwrap());
+        let mut out = vec![0; 874];
+        warp(previous, current, &[Motion::IDENTITY; 3], &mut out);
+        assert!((0..23).all(|y| out[y * 38..][..38] == *previous.row(y)));
+        warp(Image::packed(&[], 0, 4).unwrap(), Image::packed(&[], 0, 4).unwrap(), &[], &mut []);
+    }
+
+    proptest! {
+        #[test]
+        fn difference_agrees_with_its_definition(w in 1..150usize, h in 1..7usize, pad in 0..3usize, bytes in proptest::collection::vec(any::<u8>(), 2200)) {
+            let current = Image::new(&bytes[1100..], w, h, w + pad);
+            let Ok(current) = current else { return Ok(()) };
+            let warped = &bytes[..w * h];
+            let mut out = vec![1; w * h];
+            temporal_difference(current, warped, &mut out);
+            for (i, &got) in out.iter().enumerate() {
+                let (x, y) = (i % w, i / w);
+                let around = (0..h).filter(|j| j.abs_diff(y) <= 1).flat_map(|j| (0..w).filter(|i| i.abs_diff(x) <= 1).map(move |i| warped[j * w + i]));
+                let (low, high) = around.fold((255, 0), |(l, h): (u8, u8), v| (l.min(v), h.max(v)));
+                let value = current.row(y)[x];
+                let want = value.abs_diff(value.clamp(low, high));
+                prop_assert_eq!(got, want);
+            }
+        }
+    }
+}
