@@ -42,6 +42,12 @@ pub fn resize(src: Image<'_>, step: u32, dst: &mut [u8]) -> (usize, usize) {
     if width == 0 || height == 0 {
         return (width, height);
     }
+    if step == 65536 {
+        for (y, out) in dst[..width * height].chunks_exact_mut(width).enumerate() {
+            out.copy_from_slice(src.row(y));
+        }
+        return (width, height);
+    }
     let (last_x, last_y) = (src.width() - 1, src.height() - 1);
     let mut strip = [0u16; STRIP];
     for (y, out) in dst[..width * height].chunks_exact_mut(width).enumerate() {
