@@ -1,4 +1,4 @@
-//! The pyramid of a frame and its memory (level 3).
+//! The pyramid of a frame and its memory (level 4).
 //!
 //! Targets of every size are looked for with one window: level i shows the frame `2^(i / scales_per_octave)` times
 //! smaller. Levels of the first octave are resampled from the frame, the others are halves of those an octave finer.

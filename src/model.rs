@@ -1,4 +1,4 @@
-//! The model file: one checked, zero-copy view of bytes (level 5).
+//! The model file: one checked, zero-copy view of bytes (level 6).
 //!
 //! Little-endian. `LOOKOUT\0`, format version (`u16`), two bytes of 0, length of the file (`u32`), CRC-32 of all that
 //! follows (ISO-HDLC, `u32`), the geometry that the trees were trained on (8 bytes), the lengths of the sections
