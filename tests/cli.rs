@@ -1,4 +1,5 @@
 //! The built program: what it writes, and how it ends on bad input.
+#![cfg(feature = "std")]
 
 use std::fs;
 use std::io::Write;
