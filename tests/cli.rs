@@ -1,4 +1,5 @@
 //! The built program: what it writes, and how it ends on bad input.
+#![cfg(feature = "std")]
 
 use std::fs;
 use std::io::Write;
@@ -21,6 +22,14 @@ fn lookout(args: &[&str], input: &[u8]) -> Output {
     // The program may end before it has read everything.
     let _ = child.stdin.take().unwrap().write_all(input);
     child.wait_with_output().unwrap()
+}
+
+fn has_ffmpeg() -> bool {
+    let found = Command::new("ffmpeg").arg("-version").output().is_ok();
+    if !found {
+        eprintln!("skipped: no ffmpeg");
+    }
+    found
 }
 
 /// The one line of a failed run, without `lookout: `.
@@ -113,8 +122,7 @@ fn replay_of_standard_input_writes_everything() {
 
 #[test]
 fn replay_draws_a_video() {
-    if Command::new("ffmpeg").arg("-version").output().is_err() {
-        eprintln!("skipped: no ffmpeg");
+    if !has_ffmpeg() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
@@ -250,6 +258,52 @@ fn a_full_disk() {
     let line = complaint(&lookout(&args, &y4m(3)));
     assert!(line.starts_with("/dev/full: cannot write") && line.contains("make room"), "{line}");
     assert!(fs::read_to_string(mot).unwrap().lines().all(|line| line.split(',').count() == 7));
+    if !has_ffmpeg() {
+        return;
+    }
+    let video = path(&folder, "full.mp4");
+    std::os::unix::fs::symlink("/dev/full", &video).unwrap();
+    let line = complaint(&lookout(&["replay", "-", "--annotate", &video], &y4m(3)));
+    assert!(line.contains("full.mp4: cannot write") && line.contains("make room"), "{line}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_interrupted_run_leaves_whole_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let [jsonl, drawn] = ["lines.jsonl", "drawn"].map(|name| path(&folder, name));
+    let mut child = Command::new(env!("CARGO_BIN_EXE_lookout"))
+        .args(["replay", "-", "--jsonl", &jsonl, "--annotate", &drawn, "--digest"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut input = child.stdin.take().unwrap();
+    let bytes = y4m(4);
+    let frame = bytes.len() - y4m(3).len();
+    let (now, later) = bytes.split_at(bytes.len() - frame);
+    input.write_all(now).unwrap();
+    // The program waits for the fourth frame once it has written the third.
+    let third = Path::new(&drawn).join("000003.png");
+    while !third.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it ended too early");
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    let signal = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(signal.success());
+    std::thread::sleep(std::time::Duration::from_millis(100));
+    input.write_all(later).unwrap();
+    drop(input);
+    let output = child.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{text}");
+    // On a busy machine the signal may come after the fourth frame.
+    let lines = json_lines(&jsonl).len();
+    assert!((3..=4).contains(&lines), "{lines} lines");
+    assert!(text.contains(&format!("interrupted after frame {lines};")), "{text}");
+    assert!(output.stdout.is_empty(), "no digest of half a flight");
+    assert_eq!(image::open(third).unwrap().width(), WIDTH as u32);
 }
 
 #[test]

@@ -1,4 +1,5 @@
 //! Our scorer against the independent one, and by hand.
+#![cfg(feature = "std")]
 
 use lookout::shell::clips::GroundTruth;
 use lookout::shell::detections::read_mot;

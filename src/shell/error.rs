@@ -41,12 +41,10 @@ pub enum Error {
         source: io::Error,
     },
     /// Bytes that are not a model of this version.
-    #[error(
-        "{name}: {source}; train one with `lookout train`, or leave --model out for the shipped one"
-    )]
+    #[error("{}: {source}; leave --model out for the shipped one, or train one with `lookout train`", path.display())]
     Model {
-        /// The file, or the words for the shipped model.
-        name: String,
+        /// The file.
+        path: PathBuf,
         /// What is wrong with it.
         source: ModelError,
     },

@@ -197,14 +197,16 @@ impl Encoder {
         drop(self.input);
         let status = self.child.wait();
         let complaints = self.complaints.join().unwrap_or_default();
-        let failed = |reason: String| Err(Error::Encoder { path: path.into(), reason });
-        match status {
-            Ok(status) if status.success() => Ok(()),
-            Ok(status) => {
-                let words = complaints.lines().rfind(|line| !line.trim().is_empty());
-                failed(format!("ffmpeg: {}", words.unwrap_or(&status.to_string())))
-            }
-            Err(error) => failed(format!("ffmpeg: {error}")),
+        if complaints.contains("No space left on device") {
+            return Err(io::ErrorKind::StorageFull.into()).map_err(Error::write(path));
         }
+        // A failure while closing the file ends with status 0: complaints count, the first one tells most.
+        let reason = match (complaints.lines().find(|line| !line.trim().is_empty()), status) {
+            (Some(line), _) => line.into(),
+            (None, Ok(status)) if status.success() => return Ok(()),
+            (None, Ok(status)) => status.to_string(),
+            (None, Err(error)) => error.to_string(),
+        };
+        Err(Error::Encoder { path: path.into(), reason: format!("ffmpeg: {reason}") })
     }
 }

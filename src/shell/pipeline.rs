@@ -63,7 +63,7 @@ fn parse_score(text: &str) -> Result<i32, String> {
 /// The bytes of a model and where they are from.
 #[derive(Debug, Clone)]
 pub struct ModelFile {
-    name: String,
+    path: PathBuf,
     bytes: Cow<'static, [u8]>,
 }
 
@@ -76,9 +76,9 @@ impl ModelFile {
         match path {
             Some(path) => {
                 let bytes = fs::read(path).map_err(Error::read(path))?.into();
-                Ok(Self { name: format!("{}", path.display()), bytes })
+                Ok(Self { path: path.into(), bytes })
             }
-            None => Ok(Self { name: "the shipped model".into(), bytes: SHIPPED.into() }),
+            None => Ok(Self { path: "the shipped model".into(), bytes: SHIPPED.into() }),
         }
     }
 
@@ -87,7 +87,7 @@ impl ModelFile {
     /// # Errors
     /// [`Error::Model`].
     pub fn parse(&self) -> Result<Model<'_>, Error> {
-        Model::parse(&self.bytes).map_err(|source| Error::Model { name: self.name.clone(), source })
+        Model::parse(&self.bytes).map_err(|source| Error::Model { path: self.path.clone(), source })
     }
 }
 
@@ -185,6 +185,12 @@ pub fn on_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_shipped_model_is_valid() {
+        let shipped = ModelFile::load(None).unwrap();
+        assert!(shipped.parse().is_ok_and(|model| model.bytes().len() == SHIPPED.len()));
+    }
 
     #[test]
     fn scores_of_the_command_line() {

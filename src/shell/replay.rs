@@ -164,7 +164,8 @@ impl Outputs {
             print_line(&format!("{:016x}", digest.value()))?;
         }
         let rate = frames as f64 / self.start.elapsed().as_secs_f64();
-        let lost = if dropped > 0 { format!(" ({dropped} found no room)") } else { String::new() };
+        let lost =
+            if dropped > 0 { format!(" ({dropped} candidates dropped)") } else { String::new() };
         eprintln!("{frames} frames, {found} detections{lost}, {rate:.1} frames a second");
         if ended == Ended::Interrupted {
             eprintln!(
