@@ -41,10 +41,11 @@ impl Patch {
         let origin = table.corner(cx, cy);
         // Corner (i, j) relative to the window's own corner: the sum of the box between them, exact in 16 bits.
         let mut last = [[0u32; CHANNELS]; CORNERS];
-        for j in 0..=CORNERS as i32 {
-            let edge = table.corner(cx, cy + j);
+        for j in 0..=CORNERS {
+            let row = cy + j as i32;
+            let edge = table.corner(cx, row);
             let relative = |i: i32| -> [u32; CHANNELS] {
-                let (corner, top) = (table.corner(cx + i, cy + j), table.corner(cx + i, cy));
+                let (corner, top) = (table.corner(cx + i, row), table.corner(cx + i, cy));
                 core::array::from_fn(|c| {
                     u32::from(
                         corner[c]
@@ -55,17 +56,15 @@ impl Patch {
                 })
             };
             let mut left = relative(0);
-            for i in 0..CORNERS {
+            for (i, above) in last.iter_mut().enumerate() {
                 let right = relative(i as i32 + 1);
                 let mixed: [u32; CHANNELS] =
                     core::array::from_fn(|c| left[c] * (unit - fx) + right[c] * fx);
-                if j > 0 {
-                    let out = &mut self.corners[j as usize - 1][i];
-                    for c in 0..CHANNELS {
-                        out[c] = last[i][c] * (unit - fy) + mixed[c] * fy;
-                    }
+                if let Some(row) = j.checked_sub(1) {
+                    self.corners[row][i] =
+                        core::array::from_fn(|c| above[c] * (unit - fy) + mixed[c] * fy);
                 }
-                last[i] = mixed;
+                *above = mixed;
                 left = right;
             }
         }

@@ -5,7 +5,7 @@ use crate::fixed::exp2_q16;
 use crate::front::{FrontEnd, Parts};
 use crate::gradient::CELL;
 use crate::image::{Image, Rect};
-use crate::levels::{Geometry, LevelBuffers, Pyramid};
+use crate::levels::{Geometry, LevelBuffers, MAX_LEVELS, Pyramid};
 use crate::model::Model;
 use crate::motion::{self, Path, Position};
 use crate::nms;
@@ -197,6 +197,8 @@ impl Stage {
 pub struct Detections {
     /// The detections, surest first.
     pub list: heapless::Vec<Detection, MAX_DETECTIONS>,
+    /// Boxes of the nominal target in the windows that the scan handed on, best first.
+    pub proposals: heapless::Vec<Rect, MAX_CANDIDATES>,
     /// Windows that the scan looked at.
     pub windows: u32,
     /// Windows that the scan kept.
@@ -211,7 +213,7 @@ pub struct Detections {
 type Kept = BinaryHeap<(i32, Reverse<(i16, i16)>), Min, MAX_CANDIDATES>;
 
 /// Windows of all levels.
-pub type Candidates = heapless::Vec<Candidate, { 4 * MAX_CANDIDATES }>;
+pub type Candidates = heapless::Vec<Candidate, { MAX_LEVELS * MAX_CANDIDATES }>;
 
 /// Finds flying objects in the frames of one camera.
 #[derive(Debug)]
@@ -308,6 +310,8 @@ impl<'m, 'b> Detector<'m, 'b> {
         let mut cube = Cube::EMPTY;
         for candidate in &candidates {
             let level = &pyramid[usize::from(candidate.level)];
+            // As much room as there are candidates.
+            let _ = detections.proposals.push(nominal(window(candidate), level));
             let Some(detection) = judge(model, config, front, level, candidate, &mut cube) else {
                 continue;
             };
@@ -354,8 +358,7 @@ pub fn scan(
         });
         (level.number, map.window_count(), number, kept)
     };
-    let mut all: heapless::Vec<Candidate, { crate::levels::MAX_LEVELS * MAX_CANDIDATES }> =
-        heapless::Vec::new();
+    let mut all = Candidates::new();
     let mut merge = |(level, windows, number, kept): (u8, u32, u32, Kept)| {
         detections.windows += windows;
         detections.kept += number;
@@ -387,7 +390,7 @@ pub fn scan(
     let rect = |c: &Candidate| nominal(window(c), &pyramid[usize::from(c.level)]);
     detections.dropped +=
         nms::suppress(&mut all, rect, CANDIDATE_OVERLAP, config.candidates.min(MAX_CANDIDATES));
-    all.into_iter().take(MAX_CANDIDATES).collect()
+    all
 }
 
 /// Cuts the cube of a candidate from the window at `start`: Algorithm 1, and what is known beside the channels.

@@ -1,12 +1,12 @@
 //! `lookout eval`: accuracy on a folder of clips. `lookout score`: the same for detections that are there already.
 
-use super::clips::{self, Clip};
+use super::clips::{self, Clip, TruthBox};
 use super::detections::{self, TextFile};
 use super::error::Error;
 use super::interrupt::{self, Ended};
 use super::pipeline::{self, DetectorArgs, ModelFile};
 use super::replay::print_line;
-use super::score::{Found, Report, Scorer, WARMUP};
+use super::score::{self, Found, Report, Scorer, WARMUP};
 use super::source;
 use crate::detector::Detections;
 use crate::model::Model;
@@ -89,6 +89,8 @@ struct ScanCounts {
     kept: u64,
     dropped: u64,
     registered: u64,
+    targets: u64,
+    proposed: u64,
 }
 
 impl ScanCounts {
@@ -100,12 +102,30 @@ impl ScanCounts {
         self.registered += u64::from(detections.registered);
     }
 
+    /// Counts the frame's targets (those that the scorer counts) and which of them the scan handed on: a window whose
+    /// middle is within half its nominal target of the target's, of half to twice its length.
+    fn add_targets(&mut self, truth: &[TruthBox], detections: &Detections) {
+        for target in truth.iter().filter(|t| score::must_be_found(t)) {
+            let length = target.width.max(target.height);
+            let found = detections.proposals.iter().any(|rect| {
+                let [x, y, side] = [rect.x, rect.y, rect.width].map(|v| v.to_num::<f64>());
+                let dx = x + side / 2.0 - target.left - target.width / 2.0;
+                let dy = y + side / 2.0 - target.top - target.height / 2.0;
+                dx.abs().max(dy.abs()) <= side / 2.0 && (0.5..=2.0).contains(&(side / length))
+            });
+            self.targets += 1;
+            self.proposed += u64::from(found);
+        }
+    }
+
     fn add(&mut self, other: &Self) {
         self.frames += other.frames;
         self.windows += other.windows;
         self.kept += other.kept;
         self.dropped += other.dropped;
         self.registered += other.registered;
+        self.targets += other.targets;
+        self.proposed += other.proposed;
     }
 }
 
@@ -117,6 +137,7 @@ struct ScanFigures {
     windows_kept_per_frame: f64,
     dropped: u64,
     share_registered: f64,
+    scan_recall: f64,
 }
 
 impl From<ScanCounts> for ScanFigures {
@@ -128,6 +149,7 @@ impl From<ScanCounts> for ScanFigures {
             windows_kept_per_frame: a_frame(counts.kept),
             dropped: counts.dropped,
             share_registered: a_frame(counts.registered),
+            scan_recall: counts.proposed as f64 / counts.targets.max(1) as f64,
         }
     }
 }
@@ -191,6 +213,9 @@ fn run_clip(clip: &Clip, args: &EvalArgs, model: &Model<'_>) -> Result<ClipResul
     let mut file = path.as_deref().map(TextFile::create).transpose()?;
     pipeline::run(&input, source.as_mut(), model, &args.detector, &mut |number, _, detections| {
         result.scan.add_frame(detections);
+        if number > WARMUP {
+            result.scan.add_targets(clip.ground_truth.frame(number), detections);
+        }
         result.found.extend(detections::found(number, detections));
         match &mut file {
             Some(file) => file.write(&detections::mot_lines(number, detections)),
@@ -267,11 +292,12 @@ fn print(reports: &[Report], scan: Option<ScanFigures>, json: bool) -> Result<()
     }
     if let Some(scan) = scan {
         print_line(&format!(
-            "windows_per_frame: {:.1}\nwindows_kept_per_frame: {:.2}\ndropped: {}\nshare_registered: {:.3}",
+            "windows_per_frame: {:.1}\nwindows_kept_per_frame: {:.2}\ndropped: {}\nshare_registered: {:.3}\nscan_recall: {:.4}",
             scan.windows_per_frame,
             scan.windows_kept_per_frame,
             scan.dropped,
-            scan.share_registered
+            scan.share_registered,
+            scan.scan_recall
         ))?;
     }
     Ok(())

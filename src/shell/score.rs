@@ -165,7 +165,7 @@ impl Scorer {
 }
 
 /// Whether a target must be found; the others are ignored.
-fn must_be_found(target: &TruthBox) -> bool {
+pub fn must_be_found(target: &TruthBox) -> bool {
     target.class != BIRD
         && target.visibility >= 1.0
         && target.width.max(target.height) >= MIN_TARGET

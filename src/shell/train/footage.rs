@@ -10,7 +10,7 @@ use crate::shell::parallel;
 use crate::shell::pipeline::Memory;
 use crate::shell::source::{self, Frame};
 use std::path::PathBuf;
-use std::string::{String, ToString};
+use std::string::ToString;
 use std::vec::Vec;
 
 /// Frames before a sampled one that its cubes depend on: those of the oldest slice and of its temporal difference.
@@ -19,8 +19,6 @@ const HISTORY: usize = 2 * (SLICES - 1);
 /// A clip and those of its frames that are needed.
 #[derive(Debug)]
 pub struct Footage {
-    /// Name of the clip.
-    pub name: String,
     /// Its boxes.
     pub truth: GroundTruth,
     /// Whether it is kept back to decide when to stop, never trained on.
@@ -73,7 +71,6 @@ pub fn load(
 fn read(clip: clips::Clip, every: usize, number: usize, held_back: bool) -> Result<Footage, Error> {
     let mut source = source::open(&clip.input.display().to_string())?;
     let mut footage = Footage {
-        name: clip.name,
         truth: clip.ground_truth,
         held_back,
         samples: Vec::new(),
