@@ -9,6 +9,7 @@ pub mod flow;
 pub mod image;
 pub mod linear;
 pub mod model;
+pub mod planar;
 pub mod pyramid;
 pub mod registration;
 #[cfg(feature = "std")]
