@@ -137,7 +137,7 @@ impl Segment {
 ///
 /// Panics if a slice has fewer bytes than the frame has pixels.
 pub fn temporal_difference(current: Image<'_>, warped: &[u8], out: &mut [u8]) {
-    const STRIP: usize = 64;
+    const STRIP: usize = 128;
     let (width, height) = (current.width(), current.height());
     if width == 0 || height == 0 {
         return;
@@ -147,28 +147,33 @@ pub fn temporal_difference(current: Image<'_>, warped: &[u8], out: &mut [u8]) {
         let row = |y: usize| &warped[y * width..][..width];
         let rows = [row(y.saturating_sub(1)), row(y), row((y + 1).min(height - 1))];
         let here = current.row(y);
-        // Lowest and highest of each column's three pixels, with a column on either side.
-        let (mut low, mut high) = ([0u8; STRIP + 2], [0u8; STRIP + 2]);
         for left in (0..width).step_by(STRIP) {
             let right = (left + STRIP).min(width);
-            let columns = |a: usize, b: usize| rows.map(|row| &row[a..b]);
-            let extremes = |[a, b, c]: [u8; 3]| (a.min(b).min(c), a.max(b).max(c));
-            let inner = columns(left, right);
             let n = right - left;
-            for (i, (low, high)) in low[1..=n].iter_mut().zip(&mut high[1..=n]).enumerate() {
-                (*low, *high) = extremes(inner.map(|row| row[i]));
-            }
-            let (before, after) = (left.saturating_sub(1), right.min(width - 1));
-            (low[0], high[0]) = extremes(rows.map(|row| row[before]));
-            (low[n + 1], high[n + 1]) = extremes(rows.map(|row| row[after]));
-            for (i, (out, &value)) in
-                out[left..right].iter_mut().zip(&here[left..right]).enumerate()
+            // The columns with one on either side; beyond the edge is what changes neither extreme.
+            let (from, to) = (left.saturating_sub(1), (right + 1).min(width));
+            let (mut low, mut high) = ([255; STRIP + 2], [0; STRIP + 2]);
+            let inner = from + 1 - left..to + 1 - left;
+            let columns = rows.map(|row| &row[from..to]);
+            combine(columns, &mut low[inner.clone()], u8::min);
+            combine(columns, &mut high[inner], u8::max);
+            let (mut lowest, mut highest) = ([0; STRIP], [0; STRIP]);
+            combine([0, 1, 2].map(|k| &low[k..k + n]), &mut lowest[..n], u8::min);
+            combine([0, 1, 2].map(|k| &high[k..k + n]), &mut highest[..n], u8::max);
+            let ranges = lowest.iter().zip(&highest);
+            for ((out, &value), (low, &high)) in
+                out[left..right].iter_mut().zip(&here[left..right]).zip(ranges)
             {
-                let low = low[i].min(low[i + 1]).min(low[i + 2]);
-                let high = high[i].max(high[i + 1]).max(high[i + 2]);
                 *out = low.saturating_sub(value) | value.saturating_sub(high);
             }
         }
+    }
+}
+
+/// Writes `f` of the elements at the same place of three slices.
+fn combine([a, b, c]: [&[u8]; 3], out: &mut [u8], f: impl Fn(u8, u8) -> u8) {
+    for (out, ((&a, &b), &c)) in out.iter_mut().zip(a.iter().zip(b).zip(c)) {
+        *out = f(f(a, b), c);
     }
 }
 
