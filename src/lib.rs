@@ -17,6 +17,8 @@ pub mod integral;
 pub mod levels;
 pub mod linear;
 pub mod model;
+pub mod motion;
+pub mod nms;
 pub mod planar;
 pub mod pyramid;
 pub mod registration;
