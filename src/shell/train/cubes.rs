@@ -51,7 +51,7 @@ pub fn patches(
 ) -> Vec<Row> {
     let mut rows = Vec::new();
     let mut patch = Patch::EMPTY;
-    for truth in truths(view.footage.truth.frame(view.frame as u64)) {
+    for truth in truths(&view.boxes) {
         let Truth::Target(truth) = truth else { continue };
         for level in pyramid.iter().filter(|l| l.level.active) {
             let from_origin = Offset::of(&truth, Position::default(), &level.level);
@@ -70,7 +70,7 @@ pub fn patches(
                     values: pool.iter().map(value).collect(),
                     offset: Some(Offset::of(&truth, position, &level.level)),
                     target: 0,
-                    held_back: view.footage.held_back,
+                    held_back: view.held_back,
                     scanned: false,
                 });
             }
@@ -86,10 +86,9 @@ pub fn cubes(
     model: &Model<'_>,
     config: &Config,
     pool: &[Feature],
-    number: u32,
     random: &mut Random,
 ) -> Vec<Row> {
-    let truths = truths(view.footage.truth.frame(view.frame as u64));
+    let truths = truths(&view.boxes);
     let found = detector::scan(model, config, pyramid, &mut Detections::default());
     let mut candidates: Vec<(Candidate, Position, bool)> =
         found.iter().map(|c| (*c, detector::window(c), true)).collect();
@@ -113,7 +112,9 @@ pub fn cubes(
         let level = &pyramid[usize::from(candidate.level)];
         let path = detector::cut(model, config, view.front, level, &candidate, position, &mut cube);
         let (offset, target) = match label(&truths, path.positions[0], &level.level, &TOLERANCE) {
-            Label::Positive(target, offset) => (Some(offset), number * 16 + target.min(15) as u32),
+            Label::Positive(target, offset) => {
+                (Some(offset), view.number * 16 + target.min(15) as u32)
+            }
             Label::Negative if scanned => (None, 0),
             Label::Negative | Label::Ignore => continue,
         };
@@ -122,7 +123,7 @@ pub fn cubes(
             values: pool.iter().map(value).collect(),
             offset,
             target,
-            held_back: view.footage.held_back,
+            held_back: view.held_back,
             scanned,
         });
     }

@@ -1,10 +1,12 @@
 //! The flights that are learned from: sampled frames with what the front end needs before each.
 
+use super::look::Look;
+use super::random::Random;
 use crate::cube::SLICES;
 use crate::detector::Config;
 use crate::front::FrontEnd;
 use crate::levels::Pyramid;
-use crate::shell::clips::{self, GroundTruth};
+use crate::shell::clips::{self, GroundTruth, TruthBox};
 use crate::shell::error::Error;
 use crate::shell::parallel;
 use crate::shell::pipeline::Memory;
@@ -16,11 +18,16 @@ use std::vec::Vec;
 /// Frames before a sampled one that its cubes depend on: those of the oldest slice and of its temporal difference.
 const HISTORY: usize = 2 * (SLICES - 1);
 
+/// Sampled frames in a row that are shown with the same look.
+const SEGMENT: usize = 6;
+
 /// A clip and those of its frames that are needed.
 #[derive(Debug)]
 pub struct Footage {
+    /// Number among all clips.
+    pub number: usize,
     /// Its boxes.
-    pub truth: GroundTruth,
+    truth: GroundTruth,
     /// Whether it is kept back to decide when to stop, never trained on.
     pub held_back: bool,
     /// Numbers of the sampled frames, from 1.
@@ -49,15 +56,16 @@ pub fn load(
     hold_back: usize,
     tick: impl Fn() + Sync,
 ) -> Result<Vec<Footage>, Error> {
-    let mut footage = Vec::new();
+    let mut footage: Vec<Footage> = Vec::new();
     for folder in folders {
         let clips = clips::clips(folder)?;
         let frames: u64 = clips.iter().map(|c| c.ground_truth.last_frame().max(1)).sum();
         let every = (frames as usize / samples.max(1)).max(1);
+        let before = footage.len();
         let numbered: Vec<_> = clips.into_iter().enumerate().collect();
-        let loaded = parallel::map(numbered, |(number, clip)| {
-            let held_back = hold_back > 0 && number % hold_back == hold_back - 1;
-            let footage = read(clip, every, number, held_back);
+        let loaded = parallel::map(numbered, |(place, clip)| {
+            let held_back = hold_back > 0 && place % hold_back == hold_back - 1;
+            let footage = read(clip, every, before + place, held_back);
             tick();
             footage
         });
@@ -71,6 +79,7 @@ pub fn load(
 fn read(clip: clips::Clip, every: usize, number: usize, held_back: bool) -> Result<Footage, Error> {
     let mut source = source::open(&clip.input.display().to_string())?;
     let mut footage = Footage {
+        number,
         truth: clip.ground_truth,
         held_back,
         samples: Vec::new(),
@@ -95,61 +104,95 @@ fn read(clip: clips::Clip, every: usize, number: usize, held_back: bool) -> Resu
 /// A sampled frame as the front end shows it.
 #[derive(Debug)]
 pub struct View<'a> {
-    /// The clip.
-    pub footage: &'a Footage,
-    /// Number of the frame, from 1.
-    pub frame: usize,
+    /// A number unlike that of every other sampled frame.
+    pub number: u32,
+    /// The boxes of the frame as it looks.
+    pub boxes: Vec<TruthBox>,
+    /// Whether it is of a clip that is held back.
+    pub held_back: bool,
     /// The front end after the frame.
     pub front: &'a FrontEnd,
 }
 
-/// Shows each sampled frame (of clips and frames that `wanted` names) to `work`, clips in parallel; results come in the
-/// order of clips and frames, whatever the number of threads.
+/// What to show of the flights.
+#[derive(Debug, Clone, Copy)]
+pub struct Selection {
+    /// How deep into the past to compute.
+    pub depth: Depth,
+    /// Every `part.1`th sampled frame of a clip, beginning with the `part.0`th.
+    pub part: (usize, usize),
+    /// Seed of the looks; none shows the frames as they are. Held-back clips are always shown as they are.
+    pub looks: Option<u64>,
+}
+
+impl Selection {
+    /// The frames of a clip that are shown.
+    pub fn frames(&self, clip: &Footage) -> Vec<usize> {
+        clip.samples.iter().copied().skip(self.part.0 % self.part.1).step_by(self.part.1).collect()
+    }
+}
+
+/// Shows the selected frames to `work`, clips in parallel; results come in the order of clips and frames, whatever the
+/// number of threads.
 pub fn visit<T: Send>(
     footage: &[Footage],
     config: impl Fn(usize, usize) -> Config + Sync,
-    depth: Depth,
-    wanted: impl Fn(&Footage, usize) -> bool + Sync,
+    selection: &Selection,
     tick: impl Fn() + Sync,
-    work: impl Fn(View<'_>, &Pyramid<'_>) -> T + Sync,
+    work: impl Fn(&View<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
 ) -> Vec<T> {
     let results = parallel::map(footage.iter().collect(), |clip: &Footage| {
         let mut results = Vec::new();
-        let samples: Vec<usize> =
-            clip.samples.iter().copied().filter(|&frame| wanted(clip, frame)).collect();
-        let Some(&first) = samples.first() else { return results };
-        let size = &clip.frames[first - 1];
-        let config = config(size.width, size.height);
-        let mut memory = Memory::new(&config);
-        let (bytes, words) = memory.parts();
-        let mut front = config.front();
-        let mut last = 0;
-        for frame in samples {
-            let history = if depth == Depth::Cube { HISTORY } else { SLICES - 1 };
-            let start = frame.saturating_sub(history).max(1);
-            if last == 0 || start > last + 1 {
-                front = config.front();
-                last = start - 1;
+        for (segment, frames) in selection.frames(clip).chunks(SEGMENT).enumerate() {
+            let mut look = Look::PLAIN;
+            if let Some(seed) = selection.looks.filter(|_| !clip.held_back) {
+                let key = (clip.number * 1024 + segment) as u64;
+                look = Look::draw(&mut Random::new(seed ^ key.rotate_left(32)));
             }
-            for number in last + 1..=frame {
-                let picture = clip.frames[number - 1].view();
-                front.take(picture, bytes);
-                if depth == Depth::Newest && number < frame {
-                    continue;
+            let size = &clip.frames[frames[0] - 1];
+            let (width, height) = look.size(size.width, size.height);
+            let config = config(width, height);
+            let mut memory = Memory::new(&config);
+            let (bytes, words) = memory.parts();
+            let mut front = config.front();
+            let mut last = 0;
+            let mut picture = Frame::default();
+            for &frame in frames {
+                let history = if selection.depth == Depth::Cube { HISTORY } else { SLICES - 1 };
+                let start = frame.saturating_sub(history).max(1);
+                if last == 0 || start > last + 1 {
+                    front = config.front();
+                    last = start - 1;
                 }
-                front.build(picture, bytes, &mut || {});
-                let mut pyramid = front.pyramid(bytes, words);
-                pyramid.iter_mut().filter(|l| l.level.active).for_each(|l| front.fill_tables(l));
-                if number == frame {
-                    let noise = FrontEnd::noise(&pyramid);
-                    for level in pyramid.iter_mut().filter(|l| l.level.active) {
-                        front.fill_map(level, &noise);
+                for number in last + 1..=frame {
+                    look.apply(&clip.frames[number - 1], &mut picture);
+                    front.take(picture.view(), bytes);
+                    if selection.depth == Depth::Newest && number < frame {
+                        continue;
                     }
-                    results.push(work(View { footage: clip, frame, front: &front }, &pyramid));
+                    front.build(picture.view(), bytes, &mut || {});
+                    let mut pyramid = front.pyramid(bytes, words);
+                    for level in pyramid.iter_mut().filter(|l| l.level.active) {
+                        front.fill_tables(level);
+                    }
+                    if number == frame {
+                        let noise = FrontEnd::noise(&pyramid);
+                        for level in pyramid.iter_mut().filter(|l| l.level.active) {
+                            front.fill_map(level, &noise);
+                        }
+                        let boxes = clip.truth.frame(frame as u64);
+                        let view = View {
+                            number: (clip.number * 4096 + frame) as u32,
+                            boxes: boxes.iter().map(|b| look.truth(b, size.width)).collect(),
+                            held_back: clip.held_back,
+                            front: &front,
+                        };
+                        results.extend(work(&view, &pyramid));
+                    }
                 }
+                last = frame;
+                tick();
             }
-            last = frame;
-            tick();
         }
         results
     });

@@ -9,6 +9,7 @@ mod cubes;
 mod file;
 mod footage;
 mod labels;
+mod look;
 mod pool;
 mod random;
 mod report;
@@ -77,6 +78,9 @@ pub struct TrainArgs {
     /// Candidates of each frame that cubes are cut for
     #[arg(long, default_value_t = 24)]
     pub candidates: usize,
+    /// Show the frames as they are: not mirrored, not smaller, contrast unchanged
+    #[arg(long)]
+    pub plain: bool,
     /// Ablation: do not align older frames to the newest one
     #[arg(long)]
     pub no_registration: bool,

@@ -6,7 +6,7 @@ use super::boost::{
 };
 use super::cubes::{self, Row};
 use super::file::Parts;
-use super::footage::{self, Depth, Footage, View, visit};
+use super::footage::{self, Depth, Footage, Selection, View, visit};
 use super::pool;
 use super::random::Random;
 use super::report::{Report, Summary};
@@ -79,13 +79,6 @@ impl<'a> Trainer<'a> {
         random
     }
 
-    /// A number for each sampled frame.
-    fn number(&self, view: &View<'_>) -> u32 {
-        let before = self.footage.iter().take_while(|f| !std::ptr::eq(*f, view.footage));
-        let clip = before.count() as u32;
-        clip * 4096 + view.frame as u32
-    }
-
     /// Shows every `part.1`th sampled frame, beginning with the `part.0`th, to `work`.
     fn each<T: Send>(
         &self,
@@ -96,35 +89,25 @@ impl<'a> Trainer<'a> {
         candidates: usize,
         work: impl Fn(&View<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
     ) -> Vec<T> {
-        let wanted = |clip: &Footage, frame: usize| {
-            let place = clip.samples.iter().position(|&f| f == frame);
-            place.is_some_and(|place| place % part.1 == part.0 % part.1)
-        };
-        let count: usize = self
-            .footage
-            .iter()
-            .map(|clip| clip.samples.iter().filter(|&&f| wanted(clip, f)).count())
-            .sum();
+        let looks = (!self.args.plain).then_some(self.args.seed);
+        let selection = Selection { depth, part, looks };
+        let count: usize = self.footage.iter().map(|clip| selection.frames(clip).len()).sum();
         let bar = report.bar(what, count as u64);
-        let results = visit(
-            &self.footage,
-            self.config(candidates),
-            depth,
-            wanted,
-            || bar.inc(1),
-            |view, pyramid| if interrupt::requested() { Vec::new() } else { work(&view, pyramid) },
-        );
+        let config = self.config(candidates);
+        let work = |view: &View<'_>, pyramid: &Pyramid<'_>| {
+            if interrupt::requested() { Vec::new() } else { work(view, pyramid) }
+        };
+        let results = visit(&self.footage, config, &selection, || bar.inc(1), work);
         bar.finish_and_clear();
-        results.into_iter().flatten().collect()
+        results
     }
 
     /// The soft cascade over windows, with rounds of hard negatives from whole frames.
     pub fn scan(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
         let mut windows: Vec<Window> =
             self.each(report, "windows", Depth::Newest, (0, 1), 1, |view, pyramid| {
-                let number = self.number(view);
-                let mut random = self.random(1, number);
-                let mut windows = windows::positives(view, pyramid, number);
+                let mut random = self.random(1, view.number);
+                let mut windows = windows::positives(view, pyramid);
                 windows.extend(windows::random_negatives(
                     view,
                     pyramid,
@@ -144,11 +127,12 @@ impl<'a> Trainer<'a> {
             let options = Options {
                 rounds: trees,
                 depth: self.args.scan_depth,
-                shrinkage: 0.15,
-                min_hessian: 4.0,
-                lambda: 2.0,
-                feature_fraction: 0.15,
-                row_fraction: 0.6,
+                shrinkage: 0.1,
+                min_hessian: 8.0,
+                lambda: 4.0,
+                feature_fraction: 0.1,
+                row_fraction: 0.5,
+                patience: 50,
                 seed: self.args.seed + round as u64,
                 ..Options::new(Loss::Logistic)
             };
@@ -199,7 +183,7 @@ impl<'a> Trainer<'a> {
         let pool = pool::patch(PATCH_FEATURES, &mut self.random(2, 0));
         let rows: Vec<Row> =
             self.each(report, "patches", Depth::Newest, (0, 2), 1, |view, pyramid| {
-                let mut random = self.random(3, self.number(view));
+                let mut random = self.random(3, view.number);
                 cubes::patches(view, pyramid, &pool, &mut random)
             });
         let samples = columns(&rows)?;
@@ -232,11 +216,11 @@ impl<'a> Trainer<'a> {
         let options = Options {
             rounds: self.args.regressor_trees,
             depth: 4,
-            shrinkage: 0.15,
-            min_rows: 20,
-            feature_fraction: 0.25,
-            row_fraction: 0.6,
-            patience: 15,
+            shrinkage: 0.1,
+            min_rows: 50,
+            feature_fraction: 0.2,
+            row_fraction: 0.5,
+            patience: 30,
             seed: self.args.seed + component as u64,
             ..Options::new(Loss::Squared)
         };
@@ -259,9 +243,8 @@ impl<'a> Trainer<'a> {
             (0, 1),
             self.args.candidates,
             |view, pyramid| {
-                let number = self.number(view);
-                let mut random = self.random(5, number);
-                cubes::cubes(view, pyramid, &model, &config, &pool, number, &mut random)
+                let mut random = self.random(5, view.number);
+                cubes::cubes(view, pyramid, &model, &config, &pool, &mut random)
             },
         );
         let (found, missed) = (
@@ -279,12 +262,12 @@ impl<'a> Trainer<'a> {
         let options = Options {
             rounds: self.args.cube_trees,
             depth: self.args.cube_depth,
-            shrinkage: 0.1,
-            min_hessian: 4.0,
-            lambda: 2.0,
-            feature_fraction: 0.1,
-            row_fraction: 0.6,
-            patience: 60,
+            shrinkage: 0.08,
+            min_hessian: 8.0,
+            lambda: 4.0,
+            feature_fraction: 0.08,
+            row_fraction: 0.5,
+            patience: 80,
             seed: self.args.seed,
             ..Options::new(Loss::Logistic)
         };

@@ -36,9 +36,9 @@ fn position(x: i16, y: i16) -> Position {
     Position { x: i32::from(x) * SUBCELL, y: i32::from(y) * SUBCELL }
 }
 
-/// All windows that show a target of the frame. `number` tells the frame from every other.
-pub fn positives(view: &View<'_>, pyramid: &Pyramid<'_>, number: u32) -> Vec<Window> {
-    let truths = truths(view.footage.truth.frame(view.frame as u64));
+/// All windows that show a target of the frame.
+pub fn positives(view: &View<'_>, pyramid: &Pyramid<'_>) -> Vec<Window> {
+    let truths = truths(&view.boxes);
     let mut windows = Vec::new();
     for (target, truth) in truths.iter().enumerate() {
         let Truth::Target(truth) = truth else { continue };
@@ -57,8 +57,8 @@ pub fn positives(view: &View<'_>, pyramid: &Pyramid<'_>, number: u32) -> Vec<Win
                 for x in place(offset.x, map.windows().0) {
                     windows.push(Window {
                         values: map.values(x, y),
-                        target: Some(number * 16 + target.min(15) as u32),
-                        held_back: view.footage.held_back,
+                        target: Some(view.number * 16 + target.min(15) as u32),
+                        held_back: view.held_back,
                     });
                 }
             }
@@ -74,7 +74,7 @@ pub fn random_negatives(
     count: usize,
     random: &mut Random,
 ) -> Vec<Window> {
-    let truths = truths(view.footage.truth.frame(view.frame as u64));
+    let truths = truths(&view.boxes);
     let active: Vec<usize> = (0..pyramid.len()).filter(|&i| pyramid[i].level.active).collect();
     let mut windows = Vec::new();
     for _ in 0..count {
@@ -87,7 +87,7 @@ pub fn random_negatives(
             windows.push(Window {
                 values: map.values(x, y),
                 target: None,
-                held_back: view.footage.held_back,
+                held_back: view.held_back,
             });
         }
     }
@@ -101,7 +101,7 @@ pub fn hard_negatives(
     model: &Model<'_>,
     config: &Config,
 ) -> Vec<Window> {
-    let truths = truths(view.footage.truth.frame(view.frame as u64));
+    let truths = truths(&view.boxes);
     let candidates = detector::scan(model, config, pyramid, &mut Detections::default());
     candidates
         .iter()
@@ -112,7 +112,7 @@ pub fn hard_negatives(
         .map(|c| Window {
             values: map(pyramid, usize::from(c.level)).values(c.x, c.y),
             target: None,
-            held_back: view.footage.held_back,
+            held_back: view.held_back,
         })
         .collect()
 }
