@@ -6,7 +6,7 @@ use crate::front::{FrontEnd, Parts};
 use crate::gradient::CELL;
 use crate::image::{Image, Rect};
 use crate::levels::{Geometry, LevelBuffers, MAX_LEVELS, Pyramid};
-use crate::model::Model;
+use crate::model::{Method, Model};
 use crate::motion::{self, Path, Position};
 use crate::nms;
 use crate::scan::{Candidate, Map};
@@ -70,6 +70,17 @@ impl Config {
             temporal: true,
             compensation: true,
             stcube: true,
+        }
+    }
+
+    /// The defaults with the parts that a model was trained with: see [`Model::method`].
+    pub const fn of_method(width: usize, height: usize, method: Method) -> Self {
+        Self {
+            registration: method.registration,
+            temporal: method.temporal,
+            compensation: method.compensation,
+            scales_per_octave: method.scales_per_octave as usize,
+            ..Self::new(width, height)
         }
     }
 

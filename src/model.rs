@@ -81,9 +81,46 @@ impl Section {
 /// Bytes before the sections.
 pub const HEADER: usize = 28 + 4 * Section::ALL.len();
 
-/// What the trees depend on, as the file states it: window, cell, orientations, slices, channels of the map, 0, 0, 0.
-pub const GEOMETRY: [u8; 8] =
-    [WINDOW as u8, CELL as u8, ORIENTATIONS as u8, SLICES as u8, MAP_CHANNELS as u8, 0, 0, 0];
+/// What the trees depend on and cannot be changed: window, cell, orientations, slices, channels of the map. Behind
+/// them stand the [`Method`] (2 bytes) and a byte of 0.
+pub const GEOMETRY: [u8; 5] =
+    [WINDOW as u8, CELL as u8, ORIENTATIONS as u8, SLICES as u8, MAP_CHANNELS as u8];
+
+/// The parts of the method that a model was trained with, and must be run with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Method {
+    /// Older frames were aligned to the newest one by the background's motion.
+    pub registration: bool,
+    /// Temporal differences were looked at.
+    pub temporal: bool,
+    /// Algorithm 1 kept the object in the middle of every slice.
+    pub compensation: bool,
+    /// Levels for each doubling of the target's size, 1 to 4.
+    pub scales_per_octave: u8,
+}
+
+impl Method {
+    /// The bytes in the file: a bit for each part, scales per octave.
+    pub const fn encode(&self) -> [u8; 2] {
+        let parts =
+            self.registration as u8 | (self.temporal as u8) << 1 | (self.compensation as u8) << 2;
+        [parts, self.scales_per_octave]
+    }
+
+    /// Reads what [`Method::encode`] gives.
+    pub const fn decode(bytes: [u8; 2]) -> Option<Self> {
+        let [parts, scales_per_octave] = bytes;
+        if parts > 7 || scales_per_octave == 0 || scales_per_octave > 4 {
+            return None;
+        }
+        Some(Self {
+            registration: parts & 1 != 0,
+            temporal: parts & 2 != 0,
+            compensation: parts & 4 != 0,
+            scales_per_octave,
+        })
+    }
+}
 
 /// Why bytes are not a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -150,6 +187,7 @@ impl core::error::Error for ModelError {}
 #[derive(Debug, Clone, Copy)]
 pub struct Model<'m> {
     bytes: &'m [u8],
+    method: Method,
     provenance: &'m str,
     scan: Forest<'m>,
     regressors: Regressors<'m>,
@@ -193,9 +231,10 @@ impl<'m> Model<'m> {
         if word(bytes, 16) as u32 != checksum(&bytes[20..]) {
             return Err(ModelError::Checksum);
         }
-        if bytes[20..28] != GEOMETRY {
+        let method = Method::decode([bytes[25], bytes[26]]);
+        let Some(method) = method.filter(|_| bytes[20..25] == GEOMETRY && bytes[27] == 0) else {
             return Err(ModelError::Geometry);
-        }
+        };
         let mut sections = [&[][..]; Section::ALL.len()];
         let mut rest = &bytes[HEADER..];
         for (i, section) in sections.iter_mut().enumerate() {
@@ -238,7 +277,12 @@ impl<'m> Model<'m> {
             forest(Section::BoxHeight, count)?,
         ];
         let cube = forest(Section::Cube, count)?;
-        Ok(Self { bytes, provenance, scan, regressors, features, cube, boxes })
+        Ok(Self { bytes, method, provenance, scan, regressors, features, cube, boxes })
+    }
+
+    /// The parts of the method that it was trained with.
+    pub fn method(&self) -> Method {
+        self.method
     }
 
     /// The file's bytes.

@@ -17,7 +17,7 @@ use std::vec::Vec;
 use std::{format, fs, io};
 
 /// Fractional bits of [`Detection::score`].
-pub const SCORE_BITS: u32 = 8;
+pub const SCORE_BITS: u32 = 16;
 
 /// A fixed-point number as a decimal: `units` / 10^`digits`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

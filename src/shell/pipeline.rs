@@ -27,6 +27,9 @@ pub struct DetectorArgs {
     /// Ablation: do not align older frames to the newest one
     #[arg(long)]
     pub no_registration: bool,
+    /// Ablation: do not look at temporal differences
+    #[arg(long)]
+    pub no_temporal: bool,
     /// Ablation: do not keep the object in the middle of every slice (Algorithm 1)
     #[arg(long)]
     pub no_compensation: bool,
@@ -36,13 +39,14 @@ pub struct DetectorArgs {
 }
 
 impl DetectorArgs {
-    /// The configuration for frames of this size.
-    pub fn config(&self, width: usize, height: usize) -> Config {
-        let mut config = Config::new(width, height);
+    /// The configuration for frames of this size: the parts that the model was trained with, less those switched off.
+    pub fn config(&self, model: &Model<'_>, width: usize, height: usize) -> Config {
+        let mut config = Config::of_method(width, height, model.method());
         config.threshold = self.threshold.unwrap_or(config.threshold);
-        config.registration = !self.no_registration;
-        config.compensation = !self.no_compensation;
-        config.stcube = !self.no_stcube;
+        config.registration &= !self.no_registration;
+        config.temporal &= !self.no_temporal;
+        config.compensation &= !self.no_compensation;
+        config.stcube &= !self.no_stcube;
         config
     }
 }
@@ -142,7 +146,7 @@ pub fn run(
     if !source.next_frame(&mut frame)? {
         return Err(Error::NoFrames { input: input.into() });
     }
-    let config = args.config(frame.width, frame.height);
+    let config = args.config(model, frame.width, frame.height);
     let mut memory = Memory::new(&config);
     tracing::debug!(input, ?config, bytes = memory.len_bytes(), "detector");
     let refused = |frame| move |source| Error::Detector { input: input.into(), frame, source };
@@ -195,7 +199,7 @@ mod tests {
     #[test]
     fn scores_of_the_command_line() {
         assert_eq!(parse_score("-1.5"), Ok(-3 << (SCORE_BITS - 1)));
-        assert_eq!(parse_score("0.0039"), Ok(1));
+        assert_eq!(parse_score("0.0000153"), Ok(1));
         for bad in ["x", "nan", "inf", "1e10", "-1e10"] {
             assert!(parse_score(bad).is_err(), "{bad}");
         }
@@ -203,17 +207,26 @@ mod tests {
 
     #[test]
     fn switches_reach_the_configuration() {
-        let all = DetectorArgs::default().config(64, 48);
-        assert_eq!(all, Config::new(64, 48));
+        let shipped = ModelFile::load(None).unwrap();
+        let model = shipped.parse().unwrap();
+        let all = DetectorArgs::default().config(&model, 64, 48);
+        assert_eq!(all, Config::of_method(64, 48, model.method()));
         let args = DetectorArgs {
             threshold: Some(5),
             no_registration: true,
+            no_temporal: true,
             no_compensation: true,
             no_stcube: true,
             ..Default::default()
         };
-        let none =
-            Config { threshold: 5, registration: false, compensation: false, stcube: false, ..all };
-        assert_eq!(args.config(64, 48), none);
+        let none = Config {
+            threshold: 5,
+            registration: false,
+            temporal: false,
+            compensation: false,
+            stcube: false,
+            ..all
+        };
+        assert_eq!(args.config(&model, 64, 48), none);
     }
 }

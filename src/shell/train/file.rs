@@ -2,7 +2,7 @@
 
 use super::boost::TrainedForest;
 use crate::feature::Feature;
-use crate::model::{self, GEOMETRY, HEADER, MAGIC, Model, Section, VERSION};
+use crate::model::{self, GEOMETRY, HEADER, MAGIC, Method, Model, Section, VERSION};
 use std::vec::Vec;
 
 /// A forest without trees: its score is 0.
@@ -11,24 +11,21 @@ const NO_TREES: [u8; 12] = [0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
 /// The sections of a model under way.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Parts {
+    method: Method,
     sections: [Vec<u8>; Section::ALL.len()],
 }
 
-impl Default for Parts {
-    /// No provenance, no features, forests without trees.
-    fn default() -> Self {
-        let text = [Section::Provenance, Section::PatchFeatures, Section::CubeFeatures];
-        Self {
-            sections: Section::ALL
-                .map(|s| if text.contains(&s) { Vec::new() } else { NO_TREES.to_vec() }),
-        }
-    }
-}
-
 impl Parts {
+    /// No provenance, no features, forests without trees.
+    pub fn new(method: Method) -> Self {
+        let text = [Section::Provenance, Section::PatchFeatures, Section::CubeFeatures];
+        let empty = |s| if text.contains(&s) { Vec::new() } else { NO_TREES.to_vec() };
+        Self { method, sections: Section::ALL.map(empty) }
+    }
+
     /// The sections of a model.
     pub fn of(model: &Model<'_>) -> Self {
-        Self { sections: Section::ALL.map(|s| model.section(s).to_vec()) }
+        Self { method: model.method(), sections: Section::ALL.map(|s| model.section(s).to_vec()) }
     }
 
     /// Whether a forest has trees.
@@ -69,6 +66,8 @@ impl Parts {
     pub fn encode(&self) -> Vec<u8> {
         let length = HEADER + self.sections.iter().map(Vec::len).sum::<usize>();
         let mut covered = GEOMETRY.to_vec();
+        covered.extend(self.method.encode());
+        covered.push(0);
         self.sections.iter().for_each(|s| covered.extend((s.len() as u32).to_le_bytes()));
         self.sections.iter().for_each(|s| covered.extend(s));
         let mut bytes = MAGIC.to_vec();

@@ -18,7 +18,7 @@ mod windows;
 
 use super::error::Error;
 use super::interrupt::Ended;
-use crate::model::{Model, Section};
+use crate::model::{Method, Model, Section};
 use file::Parts;
 use report::Report;
 use stages::Trainer;
@@ -51,6 +51,9 @@ pub struct TrainArgs {
     /// Every how many clips one is held back to decide when to stop; 0: none
     #[arg(long, default_value_t = 8)]
     pub hold_back: usize,
+    /// Levels of the pyramid for each doubling of the target's size
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=4))]
+    pub scales_per_octave: u8,
     /// Trees of the scan
     #[arg(long, default_value_t = 256)]
     pub scan_trees: usize,
@@ -92,6 +95,17 @@ pub struct TrainArgs {
     pub no_compensation: bool,
 }
 
+impl TrainArgs {
+    fn method(&self) -> Method {
+        Method {
+            registration: !self.no_registration,
+            temporal: !self.no_temporal,
+            compensation: !self.no_compensation,
+            scales_per_octave: self.scales_per_octave,
+        }
+    }
+}
+
 /// Trains a model.
 ///
 /// # Errors
@@ -100,8 +114,9 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
     let started = Instant::now();
     let settings = serde_json::to_string(args).unwrap_or_default();
     let partial = args.out.with_extension("lkm.partial");
-    let mut parts = resume(&partial, &settings).unwrap_or_default();
-    let mut report = Report::create(&args.out.with_extension("jsonl"), parts != Parts::default())?;
+    let resumed = resume(&partial, &settings);
+    let mut report = Report::create(&args.out.with_extension("jsonl"), resumed.is_some())?;
+    let mut parts = resumed.unwrap_or_else(|| Parts::new(args.method()));
     let trainer = Trainer::load(args, &report)?;
     for stage in [Section::Scan, Section::Horizontal, Section::Cube] {
         if parts.has_trees(stage) {

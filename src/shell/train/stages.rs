@@ -62,14 +62,8 @@ impl<'a> Trainer<'a> {
     }
 
     fn config(&self, candidates: usize) -> impl Fn(usize, usize) -> Config + Sync + use<> {
-        let args = (self.args.no_registration, self.args.no_temporal, self.args.no_compensation);
-        move |width, height| Config {
-            candidates,
-            registration: !args.0,
-            temporal: !args.1,
-            compensation: !args.2,
-            ..Config::new(width, height)
-        }
+        let method = self.args.method();
+        move |width, height| Config { candidates, ..Config::of_method(width, height, method) }
     }
 
     /// Random numbers of one purpose, for one frame.
