@@ -18,22 +18,26 @@ const TOLERANCE: Tolerance = Tolerance { distance: 1.5, scale: 0.6, far: 2.5, ot
 /// Patches drawn for each target: the paper shifts each box at random.
 const PATCHES: usize = 6;
 
-/// Windows drawn around each target for the box regressors beside the scan's own.
-const JITTERED: usize = 2;
+/// How near a window must be to a target for the box regressors to learn from it: wider, since they must pull boxes
+/// in from there.
+const REACH: Tolerance = Tolerance { distance: 2.0, scale: 1.1, far: 0.0, other_scale: 0.0 };
+
+/// Windows drawn around each target on each level within reach, for the box regressors beside the scan's own.
+const JITTERED: usize = 1;
 
 /// Values of features and what belongs to them.
 #[derive(Debug, Clone)]
 pub struct Row {
     /// Values of all features of the pool.
     pub values: Vec<u16>,
-    /// Where the target is, if there is one.
+    /// 1 where the classifier is to see a target, -1 where none, 0 where it learns nothing.
+    pub label: f32,
+    /// Where the target is, if one is near.
     pub offset: Option<Offset>,
     /// The target's number, unlike that of every other target and frame.
     pub target: u32,
     /// Whether it is of a clip that is held back.
     pub held_back: bool,
-    /// Whether the scan found it: the classifier learns from these only.
-    pub scanned: bool,
 }
 
 /// The window whose centre is `away` cells from `truth`'s.
@@ -68,10 +72,10 @@ pub fn patches(
                 };
                 rows.push(Row {
                     values: pool.iter().map(value).collect(),
+                    label: 0.0,
                     offset: Some(Offset::of(&truth, position, &level.level)),
                     target: 0,
                     held_back: view.held_back,
-                    scanned: false,
                 });
             }
         }
@@ -96,7 +100,7 @@ pub fn cubes(
         let Truth::Target(truth) = truth else { continue };
         for level in pyramid.iter().filter(|l| l.level.active) {
             let offset = Offset::of(truth, Position::default(), &level.level);
-            if offset.scale().abs() > TOLERANCE.scale {
+            if offset.scale().abs() > REACH.scale {
                 continue;
             }
             for _ in 0..JITTERED {
@@ -111,20 +115,27 @@ pub fn cubes(
     for (candidate, position, scanned) in candidates {
         let level = &pyramid[usize::from(candidate.level)];
         let path = detector::cut(model, config, view.front, level, &candidate, position, &mut cube);
-        let (offset, target) = match label(&truths, path.positions[0], &level.level, &TOLERANCE) {
-            Label::Positive(target, offset) => {
-                (Some(offset), view.number * 16 + target.min(15) as u32)
-            }
-            Label::Negative if scanned => (None, 0),
-            Label::Negative | Label::Ignore => continue,
+        let at = path.positions[0];
+        let (class, target) = match label(&truths, at, &level.level, &TOLERANCE) {
+            Label::Positive(target, _) => (1.0, view.number * 16 + target.min(15) as u32),
+            Label::Negative => (-1.0, 0),
+            Label::Ignore => (0.0, 0),
         };
+        let class = if scanned { class } else { 0.0 };
+        let offset = match label(&truths, at, &level.level, &REACH) {
+            Label::Positive(_, offset) => Some(offset),
+            Label::Negative | Label::Ignore => None,
+        };
+        if class == 0.0 && offset.is_none() {
+            continue;
+        }
         let value = |f: &Feature| f.value(&cube.slices, &cube.newest, &cube.scalars);
         rows.push(Row {
             values: pool.iter().map(value).collect(),
+            label: class,
             offset,
             target,
             held_back: view.held_back,
-            scanned,
         });
     }
     rows

@@ -242,15 +242,15 @@ impl<'a> Trainer<'a> {
             },
         );
         let (found, missed) = (
-            rows.iter().filter(|r| r.scanned && r.offset.is_some()).count(),
-            rows.iter().filter(|r| r.scanned && r.offset.is_none()).count(),
+            rows.iter().filter(|r| r.label > 0.0).count(),
+            rows.iter().filter(|r| r.label < 0.0).count(),
         );
         report.note(&format!("cubes: {found} positives, {missed} negatives"))?;
         let samples = columns(&rows)?;
         let targets: Vec<f32> =
-            rows.iter().map(|r| if r.offset.is_some() { 1.0 } else { -1.0 }).collect();
+            rows.iter().map(|r| if r.label > 0.0 { 1.0 } else { -1.0 }).collect();
         let weigh = |held_back: bool| {
-            balanced(&targets, |r| rows[r].scanned && rows[r].held_back == held_back)
+            balanced(&targets, |r| rows[r].label != 0.0 && rows[r].held_back == held_back)
         };
         let (weights, held_back) = (weigh(false), weigh(true));
         let options = Options {
@@ -271,7 +271,7 @@ impl<'a> Trainer<'a> {
         let mut forest = boost(report, "cube", options, data, validation)?;
         let any_held_back = validation.is_some();
         let kept: Vec<usize> = (0..rows.len())
-            .filter(|&r| targets[r] > 0.0 && rows[r].scanned && rows[r].held_back == any_held_back)
+            .filter(|&r| rows[r].label > 0.0 && rows[r].held_back == any_held_back)
             .collect();
         let running = forest.running_scores(&samples, &kept).map_err(training)?;
         let bags: Vec<u32> = kept.iter().map(|&r| rows[r].target).collect();
