@@ -1,6 +1,6 @@
 //! The detector: frames in, detections out (level 7).
 
-use crate::cube::Cube;
+use crate::cube::{Cube, WINDOW};
 use crate::fixed::exp2_q16;
 use crate::front::{FrontEnd, Parts};
 use crate::gradient::CELL;
@@ -27,6 +27,9 @@ const CANDIDATE_OVERLAP: u8 = 128;
 
 /// Overlap (IoU, Q8) above which the weaker of two detections goes.
 const DETECTION_OVERLAP: u8 = 64;
+
+/// Farthest that a box's centre may be from its window's, in cells, Q8.
+const FARTHEST_CENTRE: i32 = (WINDOW as i32) << 8;
 
 /// What the detector is to look for, and with which parts. `const`-constructible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -405,7 +408,7 @@ pub fn cut(
 ) -> Path {
     let regressors = config.compensation.then_some(model.regressors());
     cube.scalars = [0; crate::cube::SCALARS];
-    cube.scalars[0] = (candidate.score + 32768).clamp(0, 65535) as u16;
+    cube.scalars[0] = candidate.score.saturating_add(32768).clamp(0, 65535) as u16;
     cube.scalars[1] = (level.level.target_q4() >> 4) as u16;
     cube.scalars[2] = u16::from(front.registered());
     motion::compensate(&front.slices(level), regressors, start, cube)
@@ -431,8 +434,11 @@ fn judge(
     let [x, y, width, height] = model.boxes().each_ref().map(|forest| forest.score(test));
     let scale = level.level.scale;
     let centres = path.positions.map(|position| position.centre(scale));
-    // Q8 cells to Q8 pixels of the frame.
-    let pixels = |cells: i32| ((i64::from(cells) * CELL as i64 * i64::from(scale)) >> 16) as i32;
+    // Q8 cells to Q8 pixels of the frame. A centre farther than a window away is none of this window's.
+    let pixels = |cells: i32| {
+        let cells = i64::from(cells.clamp(-FARTHEST_CENTRE, FARTHEST_CENTRE));
+        ((cells * CELL as i64 * i64::from(scale)) >> 16) as i32
+    };
     let size = |log: i32| {
         ((i64::from(level.level.target_q4()) * i64::from(exp2_q16(log)) + 32768) >> 16) as i32
     };

@@ -146,8 +146,11 @@ pub fn compensate(
         for _ in 0..regressors.map_or(0, |_| MAX_MOVES) {
             let Some(regressors) = regressors else { break };
             let (h, v) = regressors.offset(patch);
-            let quarters =
-                |offset: i32| (offset * SUBCELL + (1 << (OFFSET_BITS - 1))) >> OFFSET_BITS;
+            // Farther than the slice may go is all the same, and leaves room for the arithmetic.
+            let quarters = |offset: i32| {
+                let offset = offset.clamp(-(FARTHEST << OFFSET_BITS), FARTHEST << OFFSET_BITS);
+                (offset * SUBCELL + (1 << (OFFSET_BITS - 1))) >> OFFSET_BITS
+            };
             let bound = |v: i32, origin: i32| v.clamp(origin - FARTHEST, origin + FARTHEST);
             let next = Position {
                 x: bound(at.x + quarters(h), origin.x),

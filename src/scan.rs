@@ -74,7 +74,8 @@ impl<'a> Map<'a> {
 
     /// Runs `cascade` over all windows; `found` gets each window that it does not reject.
     pub fn scan(&self, level: u8, cascade: &Forest<'_>, mut found: impl FnMut(Candidate)) {
-        let gap = self.stride - ROW;
+        // A map narrower than a window has no windows.
+        let gap = self.stride.saturating_sub(ROW);
         for row in 0..self.windows.1 {
             for column in 0..self.windows.0 {
                 let window = self.window(column, row);
