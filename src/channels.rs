@@ -215,7 +215,9 @@ pub fn map(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
     use std::vec;
+    use std::vec::Vec;
 
     #[test]
     fn a_dot_stands_out_and_padding_is_neutral() {
@@ -253,5 +255,154 @@ mod tests {
         let dot = at(15, 10);
         assert!(dot[6] > 100 && dot[8] < 100 && dot[9] < 30 && dot[11] > 200, "{dot:?}");
         assert_eq!(dot[10], 0);
+    }
+
+    fn table(cells: &[[u8; 8]], columns: usize) -> Vec<u16> {
+        let mut storage = vec![0; integral::words(columns, cells.len() / columns)];
+        let mut builder = Builder::new(&mut storage, columns);
+        cells.chunks(columns).for_each(|row| builder.push_row(|x| row[x]));
+        storage
+    }
+
+    /// Cells of `columns` x `rows`, noisy or with few values.
+    fn cells(columns: usize, rows: usize) -> impl Strategy<Value = Vec<[u8; 8]>> {
+        let cell = prop_oneof![4 => any::<[u8; 8]>(), 1 => any::<[u8; 8]>().prop_map(|c| c.map(|v| v / 32))];
+        prop_oneof![
+            3 => prop::collection::vec(cell, columns * rows),
+            1 => any::<[u8; 8]>().prop_map(move |cell| vec![cell; columns * rows]),
+        ]
+    }
+
+    prop_compose! {
+        fn level()(columns in 1..24usize, rows in 1..20usize)(
+            columns in Just(columns), table in cells(columns, rows), newest in cells(columns, rows),
+        ) -> (usize, Vec<[u8; 8]>, Vec<[u8; 8]>) {
+            (columns, table, newest)
+        }
+    }
+
+    /// Numbers between which a result lies whatever its steps round to.
+    #[derive(Debug, Clone, Copy)]
+    struct Between(f64, f64);
+
+    impl Between {
+        /// Q16 reciprocal of a number of quarters with the floor of 4 units, rounded down.
+        fn reciprocal(self) -> Self {
+            Self(65536.0 / (self.1 + 16.0) - 1.0, 65536.0 / (self.0 + 16.0))
+        }
+
+        fn times(self, other: Self) -> Self {
+            let products = [self.0 * other.0, self.0 * other.1, self.1 * other.0, self.1 * other.1];
+            Self(
+                products.into_iter().fold(f64::MAX, f64::min),
+                products.into_iter().fold(f64::MIN, f64::max),
+            )
+        }
+
+        /// Divided, then rounded down.
+        fn over(self, divisor: f64) -> Self {
+            Self(self.0 / divisor - 1.0, self.1 / divisor)
+        }
+
+        /// A byte of the map, 8 times the root of this, rounded down.
+        fn root(self) -> Self {
+            let root = |v: f64| (8.0 * v.clamp(0.0, 1023.0).sqrt()).floor();
+            Self(root(self.0), root(self.1))
+        }
+
+        /// A byte of the map, this above the middle.
+        fn above_middle(self) -> Self {
+            Self((128.0 + self.0).clamp(0.0, 255.0), (128.0 + self.1).clamp(0.0, 255.0))
+        }
+
+        fn holds(self, byte: u8) -> bool {
+            (self.0..=self.1).contains(&f64::from(byte))
+        }
+    }
+
+    fn exactly(v: f64) -> Between {
+        Between(v, v)
+    }
+
+    proptest! {
+        #[test]
+        fn map_agrees_with_f64((columns, old, new) in level(), noise in prop::array::uniform3(prop_oneof![0..80u32, 0..4100u32])) {
+            let rows = old.len() / columns;
+            let (table_words, newest_words) = (table(&old, columns), table(&new, columns));
+            let mut out = vec![1; (columns + 2 * PADDING) * (rows + 2 * PADDING) * MAP_CHANNELS];
+            map(
+                &Integral::new(&table_words, columns, rows), &Integral::new(&newest_words, columns, rows),
+                &noise, &mut out,
+            );
+            let (out, _) = out.as_chunks::<MAP_CHANNELS>();
+            for (place, got) in out.iter().enumerate() {
+                let stride = columns + 2 * PADDING;
+                let (x, y) = ((place % stride).wrapping_sub(PADDING), (place / stride).wrapping_sub(PADDING));
+                if x >= columns || y >= rows {
+                    prop_assert_eq!(got, &OUTSIDE);
+                    continue;
+                }
+                // Sum over the part of the square of 11 x 11 cells that lies in the picture, and its cells.
+                let around = |cells: &[[u8; 8]], channel: usize| {
+                    let (mut sum, mut count) = (0.0, 0.0);
+                    for j in y.saturating_sub(5)..(y + 6).min(rows) {
+                        for i in x.saturating_sub(5)..(x + 6).min(columns) {
+                            sum += f64::from(cells[j * columns + i][channel]);
+                            count += 1.0;
+                        }
+                    }
+                    (sum, count)
+                };
+                // Quarters of the mean over the whole square: 4/121 in Q16, rounded down, is short of it by 3e-4.
+                let mean = |cells, channel| {
+                    let mean = 4.0 * around(cells, channel).0 / 121.0;
+                    Between((mean * (1.0 - 3e-4) - 1.0).max(0.0), mean)
+                };
+                let value = |cells: &[[u8; 8]], channel: usize| f64::from(cells[y * columns + x][channel]);
+                let ratio = |value: f64, mean: Between| exactly(value).times(mean.reciprocal()).over(256.0).root();
+                let energy = mean(&old, MAGNITUDE);
+                let mut want = [exactly(0.0); MAP_CHANNELS];
+                for (channel, want) in want[..=MAGNITUDE].iter_mut().enumerate() {
+                    *want = ratio(value(&old, channel), energy);
+                }
+                want[7] = exactly(4.0 * value(&old, MAGNITUDE)).root();
+                let (sum, count) = around(&new, 0);
+                let above = 4.0 * (value(&new, 0) - sum / count);
+                // The mean is rounded down after a division that may be half a quarter too much.
+                let above = Between(above - 0.5, above + 1.0);
+                want[8] = above.times(energy.reciprocal()).over(1024.0).above_middle();
+                want[9] = above.over(2.0).above_middle();
+                for i in 0..DIFFERENCES {
+                    let calm = 65536.0 / (f64::from(noise[i]) + 32.0);
+                    want[10 + i] = exactly(value(&new, i + 1)).times(Between(calm - 1.0, calm)).over(128.0).root();
+                }
+                want[13] = ratio(value(&new, 2), mean(&new, 2));
+                want[14] = ratio(value(&new, 3), exactly(4.0 * value(&old, MAGNITUDE)));
+                want[15] = ratio(value(&new, 1), mean(&new, 1));
+                for (channel, (got, want)) in got.iter().zip(want).enumerate() {
+                    prop_assert!(want.holds(*got), "{x} {y} channel {channel}: {got}, not {want:?}");
+                }
+            }
+        }
+
+        #[test]
+        fn noise_agrees_with_f64((columns, _, new) in level()) {
+            let rows = new.len() / columns;
+            let words = table(&new, columns);
+            let got = noise(&Integral::new(&words, columns, rows));
+            for (i, got) in got.into_iter().enumerate() {
+                let mut means = vec![];
+                for by in 0..rows / 8 {
+                    for bx in 0..columns / 8 {
+                        let cell = |n: usize| f64::from(new[(8 * by + n / 8) * columns + 8 * bx + n % 8][i + 1]);
+                        means.push((0..64).map(cell).sum::<f64>() / 64.0);
+                    }
+                }
+                let mean = |of: &[f64]| of.iter().sum::<f64>() / (of.len() as f64).max(1.0);
+                let all = mean(&means);
+                means.retain(|m| *m <= 2.0 * all);
+                prop_assert!((f64::from(got) - 16.0 * mean(&means)).abs() < 1.0, "{i}: {got}");
+            }
+        }
     }
 }

@@ -1,20 +1,18 @@
-//! The detector: frames in, detections out (level 7).
+//! The detector: frames in, detections out (level 8).
 
 use crate::cube::Cube;
-use crate::fixed::exp2_q16;
 use crate::front::{FrontEnd, Parts};
-use crate::gradient::CELL;
 use crate::image::{Image, Rect};
+use crate::judge::{Judge, Judged, nominal, window};
 use crate::levels::{Geometry, LevelBuffers, MAX_LEVELS, Pyramid};
 use crate::model::{Method, Model};
-use crate::motion::{self, Path, Position};
 use crate::nms;
 use crate::scan::{Candidate, Map};
 use core::cmp::Reverse;
-use fixed::types::I28F4;
 use heapless::binary_heap::{BinaryHeap, Min};
 
 pub use crate::cube::SLICES;
+pub use crate::judge::{Detection, Shift};
 
 /// Most detections of one frame.
 pub const MAX_DETECTIONS: usize = 64;
@@ -151,26 +149,6 @@ impl core::fmt::Display for Error {
 
 impl core::error::Error for Error {}
 
-/// Movement of an object in the image, in pixels of the frame (Q28.4).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Shift {
-    /// To the right.
-    pub x: I28F4,
-    /// Downwards.
-    pub y: I28F4,
-}
-
-/// A flying object found in the newest frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Detection {
-    /// Its box in the frame.
-    pub rect: Rect,
-    /// How sure the detector is: log-odds in Q16, larger is surer; any sign.
-    pub score: i32,
-    /// Where the object's centre was 1, 2, .. frames ago, relative to its centre now.
-    pub shifts: [Shift; SLICES - 1],
-}
-
 /// A step of [`Detector::process`], named to an observer when it has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
@@ -248,27 +226,6 @@ fn each_level<'a>(pyramid: &mut Pyramid<'a>, work: impl Fn(&mut LevelBuffers<'a>
     pyramid.iter_mut().filter(|l| l.level.active).for_each(work);
 }
 
-/// The box of the nominal target in the middle of a window whose pixels are `scale` frame pixels.
-fn nominal(position: Position, level: &LevelBuffers<'_>) -> Rect {
-    boxed(position.centre(level.level.scale), level.level.target_q4(), level.level.target_q4())
-}
-
-/// A box around a centre (Q8 pixels) of a size in Q4 pixels.
-fn boxed(centre: (i32, i32), width: i32, height: i32) -> Rect {
-    Rect {
-        x: I28F4::from_bits((centre.0 >> 4) - width / 2),
-        y: I28F4::from_bits((centre.1 >> 4) - height / 2),
-        width: I28F4::from_bits(width),
-        height: I28F4::from_bits(height),
-    }
-}
-
-/// The window of a candidate.
-pub fn window(candidate: &Candidate) -> Position {
-    let quarters = |v: i16| i32::from(v) * crate::cube::SUBCELL;
-    Position { x: quarters(candidate.x), y: quarters(candidate.y) }
-}
-
 impl<'m, 'b> Detector<'m, 'b> {
     /// A detector that has seen no frame yet.
     ///
@@ -317,7 +274,13 @@ impl<'m, 'b> Detector<'m, 'b> {
         let mut detections = Detections { registered: front.registered(), ..Detections::default() };
         let candidates = scan(model, config, &pyramid, &mut detections);
         observer(Stage::Scan);
-        let judge = Judge { model, config, front, pyramid: &pyramid };
+        let judge = Judge {
+            model,
+            compensation: config.compensation,
+            stcube: config.stcube,
+            front,
+            pyramid: &pyramid,
+        };
         let mut found: heapless::Vec<Judged, MAX_CANDIDATES> = heapless::Vec::new();
         let mut cube = Cube::EMPTY;
         for candidate in &candidates {
@@ -404,113 +367,4 @@ pub fn scan(
     detections.dropped +=
         nms::suppress(&mut all, rect, CANDIDATE_OVERLAP, config.candidates.min(MAX_CANDIDATES));
     all
-}
-
-/// Cuts the cube of a candidate from the window at `start`: Algorithm 1, and what is known beside the channels.
-pub fn cut(
-    model: &Model<'_>,
-    config: &Config,
-    front: &FrontEnd,
-    level: &LevelBuffers<'_>,
-    candidate: &Candidate,
-    start: Position,
-    cube: &mut Cube,
-) -> Path {
-    let regressors = config.compensation.then_some(model.regressors());
-    cube.scalars = [0; crate::cube::SCALARS];
-    cube.scalars[0] = (candidate.score + 32768).clamp(0, 65535) as u16;
-    cube.scalars[1] = (level.level.target_q4() >> 4) as u16;
-    cube.scalars[2] = u16::from(front.registered());
-    motion::compensate(&front.slices(level), regressors, start, cube)
-}
-
-/// A candidate with its verdict.
-#[derive(Debug, Clone, Copy)]
-struct Judged {
-    candidate: Candidate,
-    detection: Detection,
-}
-
-impl Judged {
-    /// Surest first; ties by place, so that the order is the same on every machine.
-    fn rank(&self) -> impl Ord + use<> {
-        let Detection { rect, score, .. } = self.detection;
-        (Reverse(score), rect.x, rect.y, rect.width, rect.height)
-    }
-}
-
-/// What candidates are judged by.
-struct Judge<'a> {
-    model: &'a Model<'a>,
-    config: &'a Config,
-    front: &'a FrontEnd,
-    pyramid: &'a Pyramid<'a>,
-}
-
-impl Judge<'_> {
-    /// Judges a candidate by its cube and gives it a box; `None` if it is rejected.
-    fn candidate(&self, candidate: &Candidate, cube: &mut Cube) -> Option<Judged> {
-        let path = self.cut(candidate, window(candidate), cube);
-        let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
-        let score =
-            if self.config.stcube { self.model.cube().cascade(test)? } else { candidate.score };
-        let detection = self.detection(candidate, &path, cube, score);
-        Some(Judged { candidate: *candidate, detection })
-    }
-
-    /// Looks again where the box is, on the level that suits its size: boxes are most exact for centred targets. The
-    /// score becomes the mean of both looks.
-    fn refine(&self, judged: &mut Judged, cube: &mut Cube) {
-        let Judged { candidate, detection } = judged;
-        let rect = detection.rect;
-        let length = rect.width.max(rect.height).to_bits();
-        let distance = |level: &LevelBuffers<'_>| {
-            // Ratio of the larger to the smaller length, Q8.
-            let target = level.level.target_q4();
-            i64::from(length.max(target)) * 256 / i64::from(length.min(target).max(1))
-        };
-        let active = self.pyramid.iter().filter(|l| l.level.active);
-        let Some(level) = active.min_by_key(|l| (distance(l), l.number)) else { return };
-        candidate.level = level.number;
-        // Q4 to Q8 pixels.
-        let centre = |from: I28F4, length: I28F4| (from.to_bits() << 4) + (length.to_bits() << 3);
-        let centre = (centre(rect.x, rect.width), centre(rect.y, rect.height));
-        let path = self.cut(candidate, Position::centred(centre, level.level.scale), cube);
-        let score = if self.config.stcube {
-            let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
-            let again = i64::from(self.model.cube().score(test)) * 256;
-            ((i64::from(detection.score) + again) >> 1) >> 8
-        } else {
-            i64::from(candidate.score)
-        };
-        *detection = self.detection(candidate, &path, cube, score as i32);
-    }
-
-    fn cut(&self, candidate: &Candidate, start: Position, cube: &mut Cube) -> Path {
-        let level = &self.pyramid[usize::from(candidate.level)];
-        cut(self.model, self.config, self.front, level, candidate, start, cube)
-    }
-
-    /// The detection of a cube at the end of `path`; `score` in Q8.
-    fn detection(&self, candidate: &Candidate, path: &Path, cube: &Cube, score: i32) -> Detection {
-        let level = &self.pyramid[usize::from(candidate.level)].level;
-        let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
-        let [x, y, width, height] = self.model.boxes().each_ref().map(|forest| forest.score(test));
-        let centres = path.positions.map(|position| position.centre(level.scale));
-        // Q8 cells to Q8 pixels of the frame.
-        let pixels =
-            |cells: i32| ((i64::from(cells) * CELL as i64 * i64::from(level.scale)) >> 16) as i32;
-        let size = |log: i32| {
-            ((i64::from(level.target_q4()) * i64::from(exp2_q16(log)) + 32768) >> 16) as i32
-        };
-        let (cx, cy) = centres[0];
-        Detection {
-            rect: boxed((cx + pixels(x), cy + pixels(y)), size(width), size(height)),
-            score: score.saturating_mul(256),
-            shifts: core::array::from_fn(|k| Shift {
-                x: I28F4::from_bits((centres[k + 1].0 - cx) >> 4),
-                y: I28F4::from_bits((centres[k + 1].1 - cy) >> 4),
-            }),
-        }
-    }
 }

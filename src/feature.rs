@@ -208,3 +208,137 @@ impl<'m> Features<'m> {
 
 /// Channel of the temporal difference, for those who leave it out.
 pub const TEMPORAL_CHANNEL: u8 = TEMPORAL as u8;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::integral::{Builder, Integral, words};
+    use proptest::prelude::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// Cells of a table, a little larger than a window.
+    const SIDE: usize = WINDOW + 3;
+
+    /// A table's cells and where to cut the window out, in quarters of a cell.
+    type Cells = (Vec<[u8; 8]>, i32, i32);
+
+    fn cells() -> impl Strategy<Value = Cells> {
+        let cells = prop_oneof![
+            3 => prop::collection::vec(any::<[u8; 8]>(), SIDE * SIDE),
+            1 => prop::collection::vec(any::<[bool; 8]>().prop_map(|c| c.map(|on| 255 * u8::from(on))), SIDE * SIDE),
+            1 => Just(vec![[0; 8]; SIDE * SIDE]),
+        ];
+        (cells, -6..18i32, -6..18i32)
+    }
+
+    fn patch((cells, x, y): &Cells) -> Patch {
+        let mut storage = vec![0; words(SIDE, SIDE)];
+        let mut builder = Builder::new(&mut storage, SIDE);
+        cells.chunks(SIDE).for_each(|row| builder.push_row(|x| row[x]));
+        let mut patch = Patch::EMPTY;
+        patch.cut(&Integral::new(&storage, SIDE, SIDE), *x, *y);
+        patch
+    }
+
+    /// Sum of a channel over a box of the window, each of whose cells is a mixture of four of the table.
+    fn sum((cells, x, y): &Cells, channel: usize, across: (u8, u8), down: (u8, u8)) -> f64 {
+        let value = |i: i32, j: i32| {
+            let inside = (0..SIDE as i32).contains(&i) && (0..SIDE as i32).contains(&j);
+            if inside { f64::from(cells[j as usize * SIDE + i as usize][channel]) } else { 0.0 }
+        };
+        let mut sum = 0.0;
+        for j in i32::from(down.0)..i32::from(down.1) {
+            for i in i32::from(across.0)..i32::from(across.1) {
+                let (px, py) = (x + 4 * i, y + 4 * j);
+                let (cx, cy) = (px.div_euclid(4), py.div_euclid(4));
+                let fx = f64::from(px.rem_euclid(4)) / 4.0;
+                let fy = f64::from(py.rem_euclid(4)) / 4.0;
+                let row = |j| value(cx, j) * (1.0 - fx) + value(cx + 1, j) * fx;
+                sum += row(cy) * (1.0 - fy) + row(cy + 1) * fy;
+            }
+        }
+        sum
+    }
+
+    prop_compose! {
+        fn feature()(
+            denominator in 0..5u8, channel in 0..16u8,
+            x0 in 0..10u8, w in 0..10u8, y0 in 0..10u8, h in 0..10u8, t0 in 0..4u8, d in 0..4u8,
+        ) -> Feature {
+            let (t0, t1) = if channel < 8 { (t0, (t0 + 1 + d).min(4)) } else { (0, 1) };
+            let bytes = [denominator, channel, x0, (x0 + 1 + w).min(10), y0, (y0 + 1 + h).min(10), t0, t1];
+            Feature::decode(&bytes).unwrap()
+        }
+    }
+
+    /// The definitions of [`Denominator`] in plain numbers.
+    fn naive(f: &Feature, slices: &[Cells], newest: &Cells, scalars: &[u16; SCALARS]) -> f64 {
+        let channel = usize::from(f.channel);
+        let whole = (0, WINDOW as u8);
+        let own = &slices[usize::from(f.t.0)..usize::from(f.t.1)];
+        let over = |from: &[Cells], channel: usize, x, y| -> f64 {
+            from.iter().map(|cells| sum(cells, channel, x, y)).sum()
+        };
+        let (from, own_channel) =
+            if channel < 8 { (own, channel) } else { (core::slice::from_ref(newest), channel - 8) };
+        let floor = 24.0 * own.len() as f64;
+        let numbered = |of: f64| {
+            let energy = over(from, own_channel, f.x, f.y);
+            (1024.0 * energy / of).floor().min(65535.0)
+        };
+        match f.denominator {
+            Denominator::SameBox => numbered(over(own, MAGNITUDE, f.x, f.y) + floor),
+            Denominator::Window => numbered(over(own, MAGNITUDE, whole, whole) + floor),
+            Denominator::SameChannel => numbered(over(from, own_channel, whole, whole) + floor),
+            Denominator::Cells => {
+                let cells = f64::from(f.x.1 - f.x.0) * f64::from(f.y.1 - f.y.0);
+                numbered(4.0 * cells * own.len() as f64)
+            }
+            Denominator::Scalar => f64::from(scalars[channel]),
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+
+        #[test]
+        fn values_agree_with_f64(
+            features in prop::collection::vec(feature(), 1..12),
+            slices in prop::collection::vec(cells(), SLICES), newest in cells(), scalars: [u16; SCALARS],
+        ) {
+            let patches: Vec<Patch> = slices.iter().map(patch).collect();
+            for feature in features {
+                let value = feature.value(&patches, &patch(&newest), &scalars);
+                prop_assert_eq!(f64::from(value), naive(&feature, &slices, &newest, &scalars), "{:?}", feature);
+            }
+        }
+
+        #[test]
+        fn exceeding_is_a_larger_value(
+            feature in feature(), slices in prop::collection::vec(cells(), SLICES), newest in cells(), scalars: [u16; SCALARS],
+        ) {
+            let patches: Vec<Patch> = slices.iter().map(patch).collect();
+            let newest = patch(&newest);
+            let value = feature.value(&patches, &newest, &scalars);
+            for threshold in 0..=u16::MAX {
+                let exceeds = feature.exceeds(&patches, &newest, &scalars, threshold);
+                prop_assert_eq!(exceeds, value > threshold, "{} of {:?}", threshold, feature);
+            }
+        }
+
+        #[test]
+        fn what_is_decoded_is_encoded(feature in feature(), place in 0..ENCODED, byte in 0..20u8) {
+            let mut bytes = feature.encode();
+            prop_assert_eq!(Feature::decode(&bytes), Some(feature));
+            prop_assert_eq!(Features::parse(&bytes).unwrap().get(0), feature);
+            bytes[place] = byte;
+            let [kind, channel, x0, x1, y0, y1, t0, t1] = bytes;
+            let good = kind <= 4 && channel < 16 && x0 < x1 && x1 <= 10 && y0 < y1 && y1 <= 10
+                && t0 < t1 && t1 <= 4 && (kind == 4 || channel < 8 || t1 == 1);
+            let decoded = Feature::decode(&bytes);
+            prop_assert_eq!(decoded.map(|f| f.encode()), good.then_some(bytes));
+            prop_assert_eq!(Features::parse(&bytes).map(|f| f.get(0)), decoded);
+        }
+    }
+}

@@ -130,7 +130,7 @@ impl FrontEnd {
                 warp::warp(picture(older), frame, &self.motions[..age], warped);
                 warp::temporal_difference(frame, warped, out);
             }
-            for (y, out) in plain.chunks_exact_mut(width).enumerate() {
+            for (y, out) in plain.chunks_exact_mut(width.max(1)).enumerate() {
                 for ((out, a), b) in out.iter_mut().zip(frame.row(y)).zip(&warped[y * width..]) {
                     *out = a.abs_diff(*b);
                 }

@@ -14,6 +14,7 @@ pub mod front;
 pub mod gradient;
 pub mod image;
 pub mod integral;
+pub mod judge;
 pub mod levels;
 pub mod linear;
 pub mod model;

@@ -146,8 +146,11 @@ pub fn compensate(
         for _ in 0..regressors.map_or(0, |_| MAX_MOVES) {
             let Some(regressors) = regressors else { break };
             let (h, v) = regressors.offset(patch);
-            let quarters =
-                |offset: i32| (offset * SUBCELL + (1 << (OFFSET_BITS - 1))) >> OFFSET_BITS;
+            // Farther than the slice may go is all the same, and leaves room for the arithmetic.
+            let quarters = |offset: i32| {
+                let offset = offset.clamp(-(FARTHEST << OFFSET_BITS), FARTHEST << OFFSET_BITS);
+                (offset * SUBCELL + (1 << (OFFSET_BITS - 1))) >> OFFSET_BITS
+            };
             let bound = |v: i32, origin: i32| v.clamp(origin - FARTHEST, origin + FARTHEST);
             let next = Position {
                 x: bound(at.x + quarters(h), origin.x),
@@ -175,7 +178,236 @@ pub fn compensate(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::channels::MAGNITUDE;
+    use crate::feature::{Denominator, Feature};
+    use crate::integral::{Builder, words};
+    use crate::planar::{Sample, fit};
+    use crate::trees::{NEVER_REJECT, Node, encode};
     use proptest::prelude::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// Cells in a row and in a column of the level.
+    const SIDE: usize = 40;
+
+    /// A table of cells whose channels are all `value(x, y)`.
+    fn table(value: impl Fn(i32, i32) -> u8) -> Vec<u16> {
+        let mut storage = vec![0; words(SIDE, SIDE)];
+        let mut builder = Builder::new(&mut storage, SIDE);
+        (0..SIDE).for_each(|y| builder.push_row(|x| [value(x as i32, y as i32); 8]));
+        storage
+    }
+
+    /// The background moves by (dx, dy) pixels, Q8.
+    fn translation(dx: i32, dy: i32) -> Motion {
+        let samples: Vec<Sample> =
+            (0..100).map(|i| Sample { x: i % 10 * 2000, y: i / 10 * 2000, dx, dy }).collect();
+        let motion = fit(Motion::still(80, 80), &samples, 2);
+        assert_eq!(motion.map(9000, 3000), (9000 + dx, 3000 + dy));
+        motion
+    }
+
+    fn slices<'a>(tables: &'a [Vec<u16>], motions: [Motion; SLICES - 1], scale: u32) -> Slices<'a> {
+        let view = |i: usize| Integral::new(&tables[i.min(tables.len() - 1)], SIDE, SIDE);
+        Slices { tables: core::array::from_fn(view), newest: view(0), motions, scale }
+    }
+
+    fn empty() -> Cube {
+        Cube::EMPTY
+    }
+
+    /// Magnitude of the left, right, upper and lower half of a patch against that of the whole.
+    fn halves() -> Vec<u8> {
+        let half = |x, y| Feature {
+            denominator: Denominator::Window,
+            channel: MAGNITUDE as u8,
+            x,
+            y,
+            t: (0, 1),
+        };
+        let (all, first, second) = ((0, 10), (0, 5), (5, 10));
+        [half(first, all), half(second, all), half(all, first), half(all, second)]
+            .iter()
+            .flat_map(Feature::encode)
+            .collect()
+    }
+
+    /// Calls `with` with regressors of these features and forests.
+    fn regressors<T>(
+        features: &[u8],
+        forests: [&[u8]; 2],
+        with: impl Fn(&Regressors<'_>) -> T,
+    ) -> T {
+        let [horizontal, vertical] = forests.map(|bytes| Forest::parse(bytes).unwrap().0);
+        with(&Regressors { features: Features::parse(features).unwrap(), horizontal, vertical })
+    }
+
+    /// Algorithm 1 as the paper has it, with the loop's test the right way round: position and moves of one slice.
+    fn textbook(
+        regressors: &Regressors<'_>,
+        table: &Integral<'_>,
+        start: Position,
+    ) -> (Position, u32) {
+        let (mut at, mut n, mut moves) = (start, 0, 0);
+        loop {
+            let mut patch = Patch::EMPTY;
+            patch.cut(table, at.x, at.y);
+            let (h, v) = regressors.offset(&patch);
+            // To whole quarters of a cell, no farther than half a window from the start.
+            let step = |offset: i32| (f64::from(offset) / 64.0 + 0.5).floor() as i32;
+            let x = (at.x + step(h)).clamp(start.x - 20, start.x + 20);
+            let y = (at.y + step(v)).clamp(start.y - 20, start.y + 20);
+            let length = f64::from(x - at.x).hypot(f64::from(y - at.y));
+            at = Position { x, y };
+            n += 1;
+            moves += u32::from(length > 0.0);
+            if !(length > 1.0 && n < 4) {
+                return (at, moves);
+            }
+        }
+    }
+
+    fn tree() -> impl Strategy<Value = (i32, Vec<Node>, Vec<i16>)> {
+        let node =
+            (0..4u16, 300..700u16).prop_map(|(feature, threshold)| Node { feature, threshold });
+        let leaves = prop::collection::vec(-400..400i16, 4);
+        (Just(NEVER_REJECT), prop::collection::vec(node, 3), leaves)
+    }
+
+    prop_compose! {
+        fn forest()(bias in -100..100i32, trees in prop::collection::vec(tree(), 0..4)) -> Vec<u8> {
+            encode(2, bias, 4, &trees)
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn agrees_with_the_textbook(
+            horizontal in forest(), vertical in forest(), start_x in -12..140i32, start_y in -12..140i32,
+            shifts in prop::array::uniform3((-4000..4000i32, -4000..4000i32)), scale in 65536..500_000u32,
+            seed in any::<u32>(),
+        ) {
+            let texture = |k: usize| table(move |x, y| {
+                let n = (x as u32 / 3).wrapping_mul(0x9e37_79b1) ^ (y as u32 / 2).wrapping_mul(0x85eb_ca77);
+                ((n ^ seed).wrapping_mul(0x2c1b_3c6d + 2 * k as u32) >> 24) as u8
+            });
+            let tables: Vec<_> = (0..SLICES).map(texture).collect();
+            let slices = slices(&tables, shifts.map(|(dx, dy)| translation(dx, dy)), scale);
+            let mut cube = empty();
+            let start = Position { x: start_x, y: start_y };
+            regressors(&halves(), [&horizontal, &vertical], |regressors| {
+                let path = compensate(&slices, Some(regressors), start, &mut cube.clone());
+                let (mut origin, mut moves) = (start, 0);
+                for k in 0..SLICES {
+                    if let Some(older) = k.checked_sub(1) {
+                        // Where the background took the last slice's centre.
+                        let last = path.positions[older];
+                        let quarter = f64::from(scale) / 65536.0 / 2.0;
+                        let place = |at: i32, shift: i32| {
+                            f64::from(at) + f64::from(shift) / 256.0 / quarter
+                        };
+                        let (dx, dy) = shifts[older];
+                        let exact = (place(last.x, dx), place(last.y, dy));
+                        let moved = path.moved[k];
+                        let at = path.positions[k];
+                        origin = Position { x: at.x - moved.x, y: at.y - moved.y };
+                        prop_assert!((f64::from(origin.x) - exact.0).abs() <= 0.51, "{:?} {:?}", origin, exact);
+                        prop_assert!((f64::from(origin.y) - exact.1).abs() <= 0.51, "{:?} {:?}", origin, exact);
+                    }
+                    let (at, n) = textbook(regressors, &slices.tables[k], origin);
+                    moves += n;
+                    prop_assert_eq!(path.positions[k], at);
+                }
+                prop_assert_eq!(path.moves, moves);
+                Ok(())
+            })?;
+            cube.scalars = [9; SCALARS];
+            let path = compensate(&slices, None, start, &mut cube);
+            prop_assert_eq!(path.moved, [Position::default(); SLICES]);
+            prop_assert_eq!(cube.scalars[..FIRST_SCALAR].to_vec(), vec![9; FIRST_SCALAR]);
+        }
+    }
+
+    #[test]
+    fn moves_end_at_epsilon_and_n_max() {
+        let tables = [table(|_, _| 50)];
+        let slices = slices(&tables, [Motion::IDENTITY; SLICES - 1], 65536);
+        let push = |horizontal: i32, vertical: i32| {
+            let forests = [horizontal, vertical].map(|bias| encode(1, bias, 4, &[]));
+            regressors(&halves(), [&forests[0], &forests[1]], |regressors| {
+                compensate(&slices, Some(regressors), Position { x: 40, y: 40 }, &mut empty())
+            })
+        };
+        // Per slice, quarters of a cell: nothing; one move of ε; of more than ε, until n_max; as far as it may go.
+        let cases = [
+            (0, 0, 0, 0, 0),
+            (64, 0, 1, 0, 1),
+            (64, -64, 4, -4, 4),
+            (256, 0, 16, 0, 4),
+            (-384, 0, -20, 0, 4),
+        ];
+        for (horizontal, vertical, x, y, moves) in cases {
+            let path = push(horizontal, vertical);
+            assert_eq!(path.moved, [Position { x, y }; SLICES], "{horizontal} {vertical}");
+            assert_eq!(path.moves, 4 * moves, "{horizontal} {vertical}");
+        }
+        // A regressor gone mad does no more than go as far as it may.
+        let path = push(i32::MAX, i32::MIN);
+        assert_eq!(path.moved, [Position { x: 20, y: -20 }; SLICES]);
+    }
+
+    #[test]
+    fn older_slices_start_where_the_background_was() {
+        let tables = [table(|x, y| (x * y) as u8)];
+        // 3, -2 and 0 pixels a frame: 6, -4 and 0 quarters of a cell of two pixels.
+        let motions = [translation(768, 0), translation(-512, 256), translation(0, 0)];
+        let slices = slices(&tables, motions, 65536);
+        let path = compensate(&slices, None, Position { x: 41, y: 22 }, &mut empty());
+        let expected = [(41, 22), (47, 22), (43, 24), (43, 24)].map(|(x, y)| Position { x, y });
+        assert_eq!(path.positions, expected);
+        assert_eq!((path.moved, path.moves), ([Position::default(); SLICES], 0));
+    }
+
+    #[test]
+    fn the_object_stays_in_the_middle() {
+        // A square of 4 cells that flies 2 cells to the right and 1 up a frame before a still background.
+        let corner = |k: i32| (20 - 2 * k, 14 + k);
+        let tables: Vec<_> = (0..SLICES as i32)
+            .map(|k| {
+                let (left, top) = corner(k);
+                table(move |x, y| {
+                    200 * u8::from((left..left + 4).contains(&x) && (top..top + 4).contains(&y))
+                })
+            })
+            .collect();
+        let slices = slices(&tables, [Motion::IDENTITY; SLICES - 1], 65536);
+        // To where more than the half is.
+        let towards = |feature: u16| {
+            let node = |threshold| Node { feature, threshold };
+            encode(
+                2,
+                0,
+                4,
+                &[(NEVER_REJECT, vec![node(510), node(300), node(720)], vec![-400, -64, 64, 400])],
+            )
+        };
+        let path = regressors(&halves(), [&towards(1), &towards(3)], |regressors| {
+            compensate(&slices, Some(regressors), Position { x: 4 * 18, y: 4 * 10 }, &mut empty())
+        });
+        for (k, at) in path.positions.iter().enumerate() {
+            let (left, top) = corner(k as i32);
+            let (x, y) = (4 * (left + 2 - 5), 4 * (top + 2 - 5));
+            assert!((at.x - x).abs() <= 4 && (at.y - y).abs() <= 4, "{k}: {at:?}, not {x} {y}");
+        }
+    }
+
+    #[test]
+    fn the_path_is_told_in_scalars() {
+        let moved = [(1, 0), (3, -4), (0, 0), (-20, 20)].map(|(x, y)| Position { x, y });
+        let path = Path { moved, moves: 7, ..Path::default() };
+        // Eighths: max(8 long, 7 long + 4 short).
+        assert_eq!(path.scalars()[..8], [8, 40, 0, 220, 40, 220, 183, 7]);
+    }
 
     proptest! {
         #[test]

@@ -74,7 +74,8 @@ impl<'a> Map<'a> {
 
     /// Runs `cascade` over all windows; `found` gets each window that it does not reject.
     pub fn scan(&self, level: u8, cascade: &Forest<'_>, mut found: impl FnMut(Candidate)) {
-        let gap = self.stride - ROW;
+        // A map narrower than a window has no windows.
+        let gap = self.stride.saturating_sub(ROW);
         for row in 0..self.windows.1 {
             for column in 0..self.windows.0 {
                 let window = self.window(column, row);
@@ -87,6 +88,76 @@ impl<'a> Map<'a> {
                     found(Candidate { level, x: place(column), y: place(row), score });
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trees::{Node, encode};
+    use proptest::prelude::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// Reject threshold, nodes, leaves.
+    type Tree = (i32, Vec<Node>, Vec<i16>);
+
+    fn tree() -> impl Strategy<Value = Tree> {
+        let node = (0..FEATURES as u16, 0..256u16)
+            .prop_map(|(feature, threshold)| Node { feature, threshold });
+        let nodes = prop::collection::vec(node, 3);
+        (-90..60i32, nodes, prop::collection::vec(-100..100i16, 4))
+    }
+
+    proptest! {
+        #[test]
+        fn agrees_with_a_walk_over_windows(
+            columns in 1..13usize, rows in 1..11usize, bias in -40..100i32,
+            trees in prop::collection::vec(tree(), 0..5),
+            seed in prop::collection::vec(any::<u8>(), 4000),
+        ) {
+            let (width, height) = (columns + 2 * PADDING, rows + 2 * PADDING);
+            let bytes: Vec<u8> = seed.into_iter().cycle().take(width * height * MAP_CHANNELS).collect();
+            let map = Map::new(&bytes, columns, rows);
+            let file = encode(2, bias, FEATURES as u16, &trees);
+            let (forest, _) = Forest::parse(&file).unwrap();
+            let (mut naive, mut windows) = (vec![], 0);
+            for top in 0..height {
+                for left in 0..width {
+                    if left + WINDOW > width || top + WINDOW > height {
+                        continue;
+                    }
+                    windows += 1;
+                    let (x, y) = (left as i16 - PADDING as i16, top as i16 - PADDING as i16);
+                    let values = map.values(x, y);
+                    let (mut score, mut rejected) = (bias, false);
+                    for (reject, nodes, leaves) in &trees {
+                        let above = |n: usize| {
+                            let feature = usize::from(nodes[n].feature);
+                            let (row, rest) = (feature / ROW, feature % ROW);
+                            let (column, channel) = (rest / MAP_CHANNELS, rest % MAP_CHANNELS);
+                            let cell = (top + row) * width + left + column;
+                            let value = bytes[cell * MAP_CHANNELS + channel];
+                            assert_eq!(values[feature], value);
+                            u16::from(value) > nodes[n].threshold
+                        };
+                        let leaf = match (above(0), above(1), above(2)) {
+                            (false, second, _) => usize::from(second),
+                            (true, _, third) => 2 + usize::from(third),
+                        };
+                        score += i32::from(leaves[leaf]);
+                        rejected |= score < *reject;
+                    }
+                    if !rejected {
+                        naive.push(Candidate { level: 3, x, y, score });
+                    }
+                }
+            }
+            let mut found = vec![];
+            map.scan(3, &forest, |candidate| found.push(candidate));
+            prop_assert_eq!(found, naive);
+            prop_assert_eq!(map.window_count(), windows);
         }
     }
 }

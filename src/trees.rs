@@ -246,6 +246,30 @@ impl<'m> Forest<'m> {
     }
 }
 
+/// Bytes of a forest, for tests: of each tree the reject threshold, the nodes in heap order, the leaves.
+#[cfg(test)]
+pub(crate) fn encode(
+    depth: u8,
+    bias: i32,
+    features: u16,
+    trees: &[(i32, std::vec::Vec<Node>, std::vec::Vec<i16>)],
+) -> std::vec::Vec<u8> {
+    let mut bytes = std::vec::Vec::from((trees.len() as u16).to_le_bytes());
+    bytes.extend([depth, 0]);
+    bytes.extend(bias.to_le_bytes());
+    bytes.extend(features.to_le_bytes());
+    bytes.extend([0, 0]);
+    for (reject, nodes, leaves) in trees {
+        bytes.extend(reject.to_le_bytes());
+        for node in nodes {
+            bytes.extend(node.feature.to_le_bytes());
+            bytes.extend(node.threshold.to_le_bytes());
+        }
+        bytes.extend(leaves.iter().flat_map(|leaf| leaf.to_le_bytes()));
+    }
+    bytes
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -295,20 +319,14 @@ mod tests {
     const FEATURES: u16 = 5;
 
     fn encode(depth: u8, bias: i32, trees: &[(Naive, i32)]) -> Vec<u8> {
-        let mut bytes = Vec::from((trees.len() as u16).to_le_bytes());
-        bytes.extend([depth, 0]);
-        bytes.extend(bias.to_le_bytes());
-        bytes.extend([FEATURES as u8, 0, 0, 0]);
-        for (tree, reject) in trees {
-            bytes.extend(reject.to_le_bytes());
-            let (nodes, leaves) = tree.flatten();
-            for node in nodes {
-                bytes.extend(node.feature.to_le_bytes());
-                bytes.extend(node.threshold.to_le_bytes());
-            }
-            bytes.extend(leaves.iter().flat_map(|leaf| leaf.to_le_bytes()));
-        }
-        bytes
+        let trees: Vec<_> = trees
+            .iter()
+            .map(|(tree, reject)| {
+                let (nodes, leaves) = tree.flatten();
+                (*reject, nodes, leaves)
+            })
+            .collect();
+        super::encode(depth, bias, FEATURES, &trees)
     }
 
     fn tree(depth: u8) -> BoxedStrategy<Naive> {

@@ -1,4 +1,4 @@
-//! The shell: everything that needs an operating system (level 8).
+//! The shell: everything that needs an operating system (level 9).
 
 pub mod annotate;
 pub mod bench;

@@ -6,6 +6,7 @@ use super::random::Random;
 use crate::cube::{Cube, Patch, SCALARS, SUBCELL, WINDOW};
 use crate::detector::{self, Config, Detections};
 use crate::feature::Feature;
+use crate::judge::{self, Judge};
 use crate::levels::Pyramid;
 use crate::model::Model;
 use crate::motion::Position;
@@ -95,7 +96,7 @@ pub fn cubes(
     let truths = truths(&view.boxes);
     let found = detector::scan(model, config, pyramid, &mut Detections::default());
     let mut candidates: Vec<(Candidate, Position, bool)> =
-        found.iter().map(|c| (*c, detector::window(c), true)).collect();
+        found.iter().map(|c| (*c, judge::window(c), true)).collect();
     for truth in &truths {
         let Truth::Target(truth) = truth else { continue };
         for level in pyramid.iter().filter(|l| l.level.active) {
@@ -110,11 +111,18 @@ pub fn cubes(
             }
         }
     }
+    let judge = Judge {
+        model,
+        compensation: config.compensation,
+        stcube: config.stcube,
+        front: view.front,
+        pyramid,
+    };
     let mut rows = Vec::new();
     let mut cube = Cube::EMPTY;
     for (candidate, position, scanned) in candidates {
         let level = &pyramid[usize::from(candidate.level)];
-        let path = detector::cut(model, config, view.front, level, &candidate, position, &mut cube);
+        let path = judge.cut(&candidate, position, &mut cube);
         let at = path.positions[0];
         let (class, target) = match label(&truths, at, &level.level, &TOLERANCE) {
             Label::Positive(target, _) => (1.0, view.number * 16 + target.min(15) as u32),

@@ -6,6 +6,7 @@ use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
 use super::random::Random;
 use crate::cube::SUBCELL;
 use crate::detector::{self, Config, Detections};
+use crate::judge;
 use crate::levels::Pyramid;
 use crate::model::Model;
 use crate::motion::Position;
@@ -107,7 +108,7 @@ pub fn hard_negatives(
         .iter()
         .filter(|c| {
             let level = &pyramid[usize::from(c.level)].level;
-            label(&truths, detector::window(c), level, &TOLERANCE) == Label::Negative
+            label(&truths, judge::window(c), level, &TOLERANCE) == Label::Negative
         })
         .map(|c| Window {
             values: map(pyramid, usize::from(c.level)).values(c.x, c.y),

@@ -1,0 +1,165 @@
+//! The verdict on a candidate: its st-cube, a score, a box (level 7).
+
+use crate::cube::{Cube, SCALARS, SLICES, SUBCELL, WINDOW};
+use crate::fixed::exp2_q16;
+use crate::front::FrontEnd;
+use crate::gradient::CELL;
+use crate::image::Rect;
+use crate::levels::{LevelBuffers, Pyramid};
+use crate::model::Model;
+use crate::motion::{self, Path, Position};
+use crate::scan::Candidate;
+use core::cmp::Reverse;
+use fixed::types::I28F4;
+
+/// Farthest that a box's centre may be from its window's, in cells, Q8.
+const FARTHEST_CENTRE: i32 = (WINDOW as i32) << 8;
+
+/// Movement of an object in the image, in pixels of the frame (Q28.4).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Shift {
+    /// To the right.
+    pub x: I28F4,
+    /// Downwards.
+    pub y: I28F4,
+}
+
+/// A flying object found in the newest frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Detection {
+    /// Its box in the frame.
+    pub rect: Rect,
+    /// How sure the detector is: log-odds in Q16, larger is surer; any sign.
+    pub score: i32,
+    /// Where the object's centre was 1, 2, .. frames ago, relative to its centre now.
+    pub shifts: [Shift; SLICES - 1],
+}
+
+/// The box of the nominal target in the middle of a window whose pixels are `scale` frame pixels.
+pub fn nominal(position: Position, level: &LevelBuffers<'_>) -> Rect {
+    boxed(position.centre(level.level.scale), level.level.target_q4(), level.level.target_q4())
+}
+
+/// A box around a centre (Q8 pixels) of a size in Q4 pixels.
+fn boxed(centre: (i32, i32), width: i32, height: i32) -> Rect {
+    Rect {
+        x: I28F4::from_bits((centre.0 >> 4) - width / 2),
+        y: I28F4::from_bits((centre.1 >> 4) - height / 2),
+        width: I28F4::from_bits(width),
+        height: I28F4::from_bits(height),
+    }
+}
+
+/// The window of a candidate.
+pub fn window(candidate: &Candidate) -> Position {
+    let quarters = |v: i16| i32::from(v) * SUBCELL;
+    Position { x: quarters(candidate.x), y: quarters(candidate.y) }
+}
+
+/// A candidate with its verdict.
+#[derive(Debug, Clone, Copy)]
+pub struct Judged {
+    /// The candidate.
+    pub candidate: Candidate,
+    /// What was made of it.
+    pub detection: Detection,
+}
+
+impl Judged {
+    /// Surest first; ties by place, so that the order is the same on every machine.
+    pub fn rank(&self) -> impl Ord + use<> {
+        let Detection { rect, score, .. } = self.detection;
+        (Reverse(score), rect.x, rect.y, rect.width, rect.height)
+    }
+}
+
+/// What candidates are judged by.
+#[derive(Debug, Clone, Copy)]
+pub struct Judge<'a> {
+    /// The model.
+    pub model: &'a Model<'a>,
+    /// Whether Algorithm 1 keeps the object in the middle of every slice.
+    pub compensation: bool,
+    /// Whether the cube gives the score; otherwise the scan's own stands.
+    pub stcube: bool,
+    /// The front end after the newest frame.
+    pub front: &'a FrontEnd,
+    /// The levels, with tables filled.
+    pub pyramid: &'a Pyramid<'a>,
+}
+
+impl Judge<'_> {
+    /// Judges a candidate by its cube and gives it a box; `None` if it is rejected.
+    pub fn candidate(&self, candidate: &Candidate, cube: &mut Cube) -> Option<Judged> {
+        let path = self.cut(candidate, window(candidate), cube);
+        let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
+        let score = if self.stcube { self.model.cube().cascade(test)? } else { candidate.score };
+        let detection = self.detection(candidate, &path, cube, score);
+        Some(Judged { candidate: *candidate, detection })
+    }
+
+    /// Looks again where the box is, on the level that suits its size: boxes are most exact for centred targets. The
+    /// score becomes the mean of both looks.
+    pub fn refine(&self, judged: &mut Judged, cube: &mut Cube) {
+        let Judged { candidate, detection } = judged;
+        let rect = detection.rect;
+        let length = rect.width.max(rect.height).to_bits();
+        let distance = |level: &LevelBuffers<'_>| {
+            // Ratio of the larger to the smaller length, Q8.
+            let target = level.level.target_q4();
+            i64::from(length.max(target)) * 256 / i64::from(length.min(target).max(1))
+        };
+        let active = self.pyramid.iter().filter(|l| l.level.active);
+        let Some(level) = active.min_by_key(|l| (distance(l), l.number)) else { return };
+        candidate.level = level.number;
+        // Q4 to Q8 pixels.
+        let centre = |from: I28F4, length: I28F4| (from.to_bits() << 4) + (length.to_bits() << 3);
+        let centre = (centre(rect.x, rect.width), centre(rect.y, rect.height));
+        let path = self.cut(candidate, Position::centred(centre, level.level.scale), cube);
+        let score = if self.stcube {
+            let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
+            let again = i64::from(self.model.cube().score(test)) * 256;
+            ((i64::from(detection.score) + again) >> 1) >> 8
+        } else {
+            i64::from(candidate.score)
+        };
+        *detection = self.detection(candidate, &path, cube, score as i32);
+    }
+
+    /// Cuts the cube of a candidate from the window at `start` of its level: Algorithm 1, and what is known beside the
+    /// channels.
+    pub fn cut(&self, candidate: &Candidate, start: Position, cube: &mut Cube) -> Path {
+        let level = &self.pyramid[usize::from(candidate.level)];
+        let regressors = self.compensation.then_some(self.model.regressors());
+        cube.scalars = [0; SCALARS];
+        cube.scalars[0] = candidate.score.saturating_add(32768).clamp(0, 65535) as u16;
+        cube.scalars[1] = (level.level.target_q4() >> 4) as u16;
+        cube.scalars[2] = u16::from(self.front.registered());
+        motion::compensate(&self.front.slices(level), regressors, start, cube)
+    }
+
+    /// The detection of a cube at the end of `path`; `score` in Q8.
+    fn detection(&self, candidate: &Candidate, path: &Path, cube: &Cube, score: i32) -> Detection {
+        let level = &self.pyramid[usize::from(candidate.level)].level;
+        let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
+        let [x, y, width, height] = self.model.boxes().each_ref().map(|forest| forest.score(test));
+        let centres = path.positions.map(|position| position.centre(level.scale));
+        // Q8 cells to Q8 pixels of the frame. A centre farther than a window away is none of this window's.
+        let pixels = |cells: i32| {
+            let cells = i64::from(cells.clamp(-FARTHEST_CENTRE, FARTHEST_CENTRE));
+            ((cells * CELL as i64 * i64::from(level.scale)) >> 16) as i32
+        };
+        let size = |log: i32| {
+            ((i64::from(level.target_q4()) * i64::from(exp2_q16(log)) + 32768) >> 16) as i32
+        };
+        let (cx, cy) = centres[0];
+        Detection {
+            rect: boxed((cx + pixels(x), cy + pixels(y)), size(width), size(height)),
+            score: score.saturating_mul(256),
+            shifts: core::array::from_fn(|k| Shift {
+                x: I28F4::from_bits((centres[k + 1].0 - cx) >> 4),
+                y: I28F4::from_bits((centres[k + 1].1 - cy) >> 4),
+            }),
+        }
+    }
+}
