@@ -45,6 +45,12 @@ impl Target {
         Rotation::new(self.heading + self.turn * time, pitch, roll)
     }
 
+    /// Puts the target in this direction at this range, level with the camera.
+    #[cfg(test)]
+    pub(super) fn aim(&mut self, azimuth: f64, range: f64) {
+        self.start = direction(azimuth, 0.0).map(|x| x * range);
+    }
+
     /// Seconds until the camera is reached at the present rate; `None` when it does not come nearer.
     pub(super) fn time_to_contact(&self, time: f64) -> Option<f64> {
         let place = self.place(time);
@@ -114,8 +120,9 @@ fn target(
         Kind::Crossing => {
             let half = direction(side * -0.42, down);
             start = half.map(|x| x * middle);
+            let range = middle * random.within(0.8, 1.2);
             let end = direction(side * 0.42, down + random.within(-0.08, 0.08));
-            let end = end.map(|x| x * middle * random.within(0.8, 1.2));
+            let end = end.map(|x| x * range);
             velocity = add(end, start, -1.0).map(|x| x / seconds);
         }
         Kind::Receding => velocity = add(velocity, across, 0.05 * far / seconds),

@@ -18,7 +18,7 @@ pub(super) fn ground(random: &mut Random) -> Texture {
     for (place, texel) in (0u32..).zip(&mut texels) {
         let (x, y) = (place & (SIDE - 1), place >> SIZE);
         // Borders that wind: the painted fields are looked up a little aside.
-        let wind = |salt| fractal(x, y, SIZE, 7, 3, 110, seed ^ salt) >> 11;
+        let wind = |salt| fractal(x, y, SIZE, 7, 5, 110, seed ^ salt) >> 11;
         let (fx, fy) = ((x + wind(1)) & (SIDE - 1), (y + wind(2)) & (SIDE - 1));
         let field = u32::from(fields[((fy << SIZE) | fx) as usize]);
         let grain = (noise(x, y, 5, 3) + hash(x, y, seed) / (1 << 18)) / 5 * 4;
@@ -54,7 +54,7 @@ fn paint_fields(random: &mut Random) -> Vec<u8> {
                 let border = x.min(y).min(width - 1 - x).min(height - 1 - y);
                 let furrow = (if across { x } else { y }) & 7 < 4;
                 let tone = match border {
-                    0..=3 if road => 205,
+                    0..=3 if road => 175,
                     _ if road && border < 6 => 110,
                     _ if hedge && border < 5 => 60,
                     _ if furrow => tone - furrows,

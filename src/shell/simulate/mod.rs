@@ -27,13 +27,13 @@ use std::vec;
 use std::vec::Vec;
 
 /// Instants within the exposure that make up a frame, and where in the pixel each looks.
-const EXPOSURE: [(f64, f64); 3] = [(1.0 / 6.0, 0.5), (0.5, 5.0 / 6.0), (5.0 / 6.0, 1.0 / 6.0)];
+const EXPOSURE: [(f64, f64); 2] = [(0.25, 0.75), (0.75, 0.25)];
 /// Seconds from the first to the last of them.
 const SHUTTER: f64 = 1.0 / 200.0;
 /// Looks at the target along each side of a pixel at each instant.
 const LOOKS: usize = 4;
 /// Opacity from which on a pixel belongs to the target's box.
-const VISIBLE: f64 = 0.25;
+const VISIBLE: f64 = 0.15;
 /// Focal length over the picture's width, as in the recorded flights.
 const FOCAL: f64 = 0.875;
 /// Pixels beyond the frame's edge in which the target is looked for, to see whether it is cut.

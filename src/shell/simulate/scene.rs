@@ -173,8 +173,9 @@ impl Scene {
         // Grain has about four times the resolution; beyond its coarsest level it is flat.
         let fine = self.grain.sample(texel(x, GRAIN), texel(z, GRAIN), lod + 2 * 256);
         // Half from the grain and, much enlarged, differences from place to place.
-        let wide = self.grain.sample(texel(x, 6.0), texel(z, 6.0), lod.saturating_sub(3 * 256));
-        let lit = coarse * ((fine + wide) / 512 + 128) / 256;
+        let wide =
+            self.grain.sample(texel(x, 6.0), texel(z, 6.0), lod.saturating_sub(3 * 256) & !255);
+        let lit = (coarse * ((fine + wide) / 512 + 128) / 256).min(255 << 8);
         let haze = self.haze[(lod as usize / 16).min(self.haze.len() - 1)];
         (lit * (256 - haze) + (HAZE << 8) * haze) >> 8
     }

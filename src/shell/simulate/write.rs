@@ -174,3 +174,19 @@ fn progress_bar(frames: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{bar:40} {pos}/{len} frames, {per_sec}, {eta} left");
     ProgressBar::new(frames).with_style(style.expect("the template is a constant"))
 }
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn a_full_disk_is_named() {
+        let full = Path::new("/dev/full");
+        let error = write(full, b"picture").unwrap_err().to_string();
+        assert!(error.starts_with("/dev/full: cannot be written: "), "{error}");
+        let mut lines = Lines::create(full.into()).unwrap();
+        let error = lines.add("1,1,2,3,4,5\n").unwrap_err().to_string();
+        assert!(error.starts_with("/dev/full: cannot be written: "), "{error}");
+    }
+}
