@@ -3,6 +3,9 @@
 use super::math::{Rotation, Vector};
 use std::vec::Vec;
 
+/// Opacity of a spinning rotor.
+const ROTOR: f64 = 0.5;
+
 /// A part of an aircraft; lengths in spans, x right, y down, z forward.
 #[derive(Debug, Clone, Copy)]
 enum Part {
@@ -239,7 +242,7 @@ impl Figure {
                 let (dx, dy) = (x - centre[0], y - centre[1]);
                 let [xx, xy, yy] = inverse;
                 let form = dx * dx * xx + 2.0 * dx * dy * xy + dy * dy * yy;
-                (form <= 1.0).then_some((0.4, 0.0))
+                (form <= 1.0).then_some((ROTOR, 0.0))
             }
         }
     }
@@ -309,6 +312,6 @@ mod tests {
         let opacities: Vec<f64> = (0..5000)
             .map(|i| outline.at(270.0 + f64::from(i % 100), 215.0 + f64::from(i / 100)).0)
             .collect();
-        assert!(opacities.contains(&1.0) && opacities.contains(&0.4) && opacities.contains(&0.0));
+        assert!(opacities.contains(&1.0) && opacities.contains(&ROTOR) && opacities.contains(&0.0));
     }
 }
