@@ -15,5 +15,6 @@ pub mod pictures;
 pub mod pipeline;
 pub mod replay;
 pub mod score;
+pub mod simulate;
 pub mod source;
 pub mod train;

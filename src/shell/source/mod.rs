@@ -1,11 +1,13 @@
 //! Where frames come from.
 
 mod folder;
+mod simulated;
 mod video;
 mod y4m;
 
 pub use folder::Folder;
 pub(crate) use folder::is_picture;
+pub use simulated::Simulated;
 pub use video::Video;
 pub use y4m::Y4m;
 

@@ -1,0 +1,172 @@
+//! Numbers that are the same on every processor: only IEEE-exact operations, nothing of a libm.
+
+/// A vector; x right, y down, z forward.
+pub(super) type Vector = [f64; 3];
+
+const FRAC_PI_2: f64 = core::f64::consts::FRAC_PI_2;
+
+/// Sine and cosine of an angle of some turns at most, radians; within 1e-13.
+pub(super) fn sin_cos(angle: f64) -> (f64, f64) {
+    let quarter = angle / FRAC_PI_2;
+    let quarter = (if quarter < 0.0 { quarter - 0.5 } else { quarter + 0.5 }) as i64;
+    let x = angle - quarter as f64 * FRAC_PI_2;
+    let square = x * x;
+    // Taylor series to x^15 and x^16 in nested form: enough below pi / 4.
+    let (mut sine, mut cosine) = (1.0, 1.0);
+    for n in [7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0] {
+        sine = 1.0 - sine * square / ((2.0 * n) * (2.0 * n + 1.0));
+    }
+    for n in [8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0] {
+        cosine = 1.0 - cosine * square / ((2.0 * n - 1.0) * (2.0 * n));
+    }
+    let sine = sine * x;
+    match quarter.rem_euclid(4) {
+        0 => (sine, cosine),
+        1 => (cosine, -sine),
+        2 => (-sine, -cosine),
+        _ => (-cosine, sine),
+    }
+}
+
+/// Angle of the point (x, y) to the x axis, radians in -pi..=pi; within 1e-13.
+pub(super) fn atan2(y: f64, x: f64) -> f64 {
+    let length = (x * x + y * y).sqrt();
+    if length == 0.0 {
+        return 0.0;
+    }
+    // Halving the angle three times brings its tangent below 0.42, where the series is short.
+    let (mut c, mut s) = (x / length, y / length);
+    for _ in 0..3 {
+        let half = if c >= 0.0 {
+            let c2 = ((1.0 + c) / 2.0).sqrt();
+            (c2, s / (2.0 * c2))
+        } else {
+            let s2 = ((1.0 - c) / 2.0).sqrt();
+            let s2 = if s < 0.0 { -s2 } else { s2 };
+            (s / (2.0 * s2), s2)
+        };
+        (c, s) = half;
+    }
+    let tangent = s / c;
+    let square = tangent * tangent;
+    let mut sum = 0.0;
+    for n in (0..20).rev() {
+        let term = 1.0 / f64::from(2 * n + 1);
+        sum = (if n % 2 == 0 { term } else { -term }) + sum * square;
+    }
+    8.0 * tangent * sum
+}
+
+/// Sum of products.
+pub(super) fn dot(a: Vector, b: Vector) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// `a + b * scale`.
+pub(super) fn add(a: Vector, b: Vector, scale: f64) -> Vector {
+    [a[0] + b[0] * scale, a[1] + b[1] * scale, a[2] + b[2] * scale]
+}
+
+/// The direction with this azimuth (right) and elevation (down), radians.
+pub(super) fn direction(azimuth: f64, elevation: f64) -> Vector {
+    let (sa, ca) = sin_cos(azimuth);
+    let (se, ce) = sin_cos(elevation);
+    [sa * ce, se, ca * ce]
+}
+
+/// A rotation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rotation([Vector; 3]);
+
+impl Rotation {
+    /// `Ry(yaw) Rx(pitch) Rz(roll)`: from the turned frame to the world, radians.
+    pub(super) fn new(yaw: f64, pitch: f64, roll: f64) -> Self {
+        let (sy, cy) = sin_cos(yaw);
+        let (sp, cp) = sin_cos(pitch);
+        let (sr, cr) = sin_cos(roll);
+        Self([
+            [cy * cr + sy * sp * sr, -cy * sr + sy * sp * cr, sy * cp],
+            [cp * sr, cp * cr, -sp],
+            [-sy * cr + cy * sp * sr, sy * sr + cy * sp * cr, cy * cp],
+        ])
+    }
+
+    /// Turns a vector.
+    pub(super) fn apply(&self, v: Vector) -> Vector {
+        [dot(self.0[0], v), dot(self.0[1], v), dot(self.0[2], v)]
+    }
+
+    /// Turns a vector back.
+    pub(super) fn invert(&self, v: Vector) -> Vector {
+        let column = |i: usize| [self.0[0][i], self.0[1][i], self.0[2][i]];
+        [dot(column(0), v), dot(column(1), v), dot(column(2), v)]
+    }
+}
+
+/// A random sequence (splitmix64).
+#[derive(Debug, Clone)]
+pub(super) struct Random(u64);
+
+impl Random {
+    /// The sequence number `stream` of `seed`.
+    pub(super) fn new(seed: u64, stream: u64) -> Self {
+        let mut mixed = Self(seed);
+        Self(mixed.next() ^ stream.wrapping_mul(0xd134_2543_de82_ef95))
+    }
+
+    /// The next 64 bits.
+    pub(super) fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut bits = self.0;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        bits ^ (bits >> 31)
+    }
+
+    /// Evenly from `low` to `high`.
+    pub(super) fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * ((self.next() >> 11) as f64 / (1u64 << 53) as f64)
+    }
+
+    /// True with this probability.
+    pub(super) fn chance(&mut self, probability: f64) -> bool {
+        self.within(0.0, 1.0) < probability
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn angles_agree_with_the_standard_library() {
+        for step in -4000..4000 {
+            let angle = f64::from(step) * 0.00517;
+            let (sine, cosine) = sin_cos(angle);
+            assert!((sine - angle.sin()).abs() < 1e-13, "{angle}");
+            assert!((cosine - angle.cos()).abs() < 1e-13, "{angle}");
+            let found = atan2(3.0 * sine, 3.0 * cosine);
+            assert!((found - angle.sin().atan2(angle.cos())).abs() < 1e-13, "{angle}");
+        }
+        assert_eq!(atan2(0.0, 0.0), 0.0);
+        assert!((atan2(0.0, -1.0).abs() - core::f64::consts::PI).abs() < 1e-13);
+    }
+
+    #[test]
+    fn rotations_are_the_product_of_their_axes() {
+        let vector = [0.3, -0.7, 1.9];
+        let (yaw, pitch, roll) = (0.4, -0.9, 0.2);
+        let whole = Rotation::new(yaw, pitch, roll);
+        let parts = Rotation::new(yaw, 0.0, 0.0).apply(
+            Rotation::new(0.0, pitch, 0.0).apply(Rotation::new(0.0, 0.0, roll).apply(vector)),
+        );
+        let back = whole.invert(whole.apply(vector));
+        for axis in 0..3 {
+            assert!((whole.apply(vector)[axis] - parts[axis]).abs() < 1e-12);
+            assert!((back[axis] - vector[axis]).abs() < 1e-12);
+        }
+        // Positive yaw looks right, negative pitch looks down (y is down).
+        assert!(Rotation::new(0.1, 0.0, 0.0).apply([0.0, 0.0, 1.0])[0] > 0.0);
+        assert!(Rotation::new(0.0, -0.1, 0.0).apply([0.0, 0.0, 1.0])[1] > 0.0);
+    }
+}

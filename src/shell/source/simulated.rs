@@ -1,0 +1,65 @@
+//! A flight simulated in memory.
+
+use super::{Frame, FrameSource, SourceError};
+use crate::shell::simulate::{SimulateSettings, Simulator, Truth};
+
+/// Frames of a simulated flight, each rendered when it is asked for.
+#[derive(Debug, Clone)]
+pub struct Simulated {
+    simulator: Simulator,
+    truth: Option<Truth>,
+    next: u64,
+}
+
+impl Simulated {
+    /// Prepares a flight; sizes are brought to 16..=4096 pixels and the rate to 1..=1000.
+    pub fn new(settings: &SimulateSettings) -> Self {
+        Self { simulator: Simulator::new(settings), truth: None, next: 0 }
+    }
+
+    /// What is true in the frame that was read last; `None` before the first.
+    pub fn truth(&self) -> Option<&Truth> {
+        self.truth.as_ref()
+    }
+}
+
+impl FrameSource for Simulated {
+    fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
+        if self.next == self.simulator.settings().frames() {
+            return Ok(false);
+        }
+        self.truth = Some(self.simulator.render(self.next, frame));
+        self.next += 1;
+        Ok(true)
+    }
+
+    fn frame_count(&self) -> Option<u64> {
+        Some(self.simulator.settings().frames())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shell::simulate::Kind;
+
+    #[test]
+    fn it_ends_after_its_frames() {
+        let mut flight = Simulated::new(&SimulateSettings {
+            seconds: 0.1,
+            width: 64,
+            height: 64,
+            kind: Kind::None,
+            ..SimulateSettings::default()
+        });
+        assert_eq!(flight.truth(), None);
+        let mut frame = Frame::default();
+        for time_us in [0, 33_333, 66_666] {
+            assert!(flight.next_frame(&mut frame).unwrap());
+            assert_eq!(frame.time_us, time_us);
+            assert_eq!(flight.truth().unwrap().target, None);
+        }
+        assert!(!flight.next_frame(&mut frame).unwrap());
+        assert_eq!(flight.frame_count(), Some(3));
+    }
+}
