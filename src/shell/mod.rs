@@ -14,4 +14,5 @@ pub mod pictures;
 pub mod pipeline;
 pub mod replay;
 pub mod score;
+pub mod simulate;
 pub mod source;
