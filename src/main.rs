@@ -28,6 +28,7 @@ fn main() -> ExitCode {
 
 fn dispatch(verb: &Verb) -> Result<Ended, Error> {
     match verb {
+        Verb::Simulate(args) => Ok(lookout::shell::simulate::run(args).map(|()| Ended::Complete)?),
         Verb::Replay(args) => replay::run(args),
         Verb::Eval(args) => eval::run(args),
         Verb::Score(args) => eval::run_score(args),

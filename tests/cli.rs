@@ -121,6 +121,34 @@ fn replay_of_standard_input_writes_everything() {
 }
 
 #[test]
+fn replay_of_a_simulated_flight() {
+    let flight =
+        ["replay", "--simulate", "crossing", "--seconds", "0.2", "--width", "96", "--height", "64"];
+    let digest =
+        |more: &[&str]| succeeded(lookout(&[&flight[..], &["--digest"], more].concat(), b""));
+    assert_eq!(digest(&[]), digest(&["--threads", "1"]));
+    // Without any output it tells what it found.
+    let output = lookout(&[&flight[..], &["--threshold", "-1000"]].concat(), b"");
+    let summary = String::from_utf8_lossy(&output.stderr).into_owned();
+    let told = succeeded(output);
+    assert!(
+        summary.contains(&format!("6 frames, {} detections", told.lines().count())),
+        "{summary}"
+    );
+
+    // The same flight as files, found and judged.
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "flights/one");
+    let simulate = [&["simulate", "--out", &out, "--kind"], &flight[2..]].concat();
+    succeeded(lookout(&simulate, b""));
+    assert_eq!(succeeded(lookout(&["replay", &out, "--digest"], b"")), digest(&[]));
+    let evaluated = succeeded(lookout(&["eval", &path(&folder, "flights")], b""));
+    assert!(evaluated.starts_with("AveP: "), "{evaluated}");
+    let line = complaint(&lookout(&simulate, b""));
+    assert!(line.contains("flights/one"), "{line}");
+}
+
+#[test]
 fn replay_draws_a_video() {
     if !has_ffmpeg() {
         return;
@@ -313,6 +341,32 @@ fn a_model_that_is_not_there() {
 }
 
 #[test]
+fn models_that_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = path(&folder, "bad.lkm");
+    let shipped = include_bytes!("../models/lookout.lkm");
+    let changed = |place: usize| {
+        let mut bytes = shipped.to_vec();
+        bytes[place] ^= 0x55;
+        bytes
+    };
+    let noise: Vec<u8> = (0..999u32).map(|i| ((i * i * 31) >> 3) as u8).collect();
+    for (bytes, reason) in [
+        (noise, "not a Lookout model"),
+        (Vec::new(), "not a Lookout model"),
+        (changed(8), "this program reads format"),
+        (changed(shipped.len() - 1), "checksum"),
+        (shipped[..shipped.len() - 1].to_vec(), "bytes instead of"),
+    ] {
+        fs::write(&file, bytes).unwrap();
+        for verb in [&["replay", "-"][..], &["bench"], &["eval", "."]] {
+            let line = complaint(&lookout(&[verb, &["--model", &file]].concat(), &y4m(1)));
+            assert!(line.contains("bad.lkm") && line.contains(reason), "{line}");
+        }
+    }
+}
+
+#[test]
 fn bench_measures() {
     let folder = tempfile::tempdir().unwrap();
     let video = path(&folder, "flight.y4m");
@@ -331,8 +385,13 @@ fn bench_measures() {
 
 #[test]
 fn usage_errors() {
-    for args in [&["replay", "--threshold", "high"][..], &["fly"], &[], &["bench", "--frames", "0"]]
-    {
+    for args in [
+        &["replay", "--threshold", "high"][..],
+        &["fly"],
+        &[],
+        &["bench", "--frames", "0"],
+        &["replay", "x", "--simulate", "none"],
+    ] {
         let output = lookout(args, b"");
         assert_eq!(output.status.code(), Some(2), "{args:?}");
     }

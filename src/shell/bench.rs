@@ -22,8 +22,6 @@ pub struct BenchArgs {
     #[arg(long, value_name = "INPUT|sim", default_value = "sim")]
     input: String,
     #[command(flatten)]
-    flight: FlightArgs,
-    #[command(flatten)]
     detector: DetectorArgs,
     /// Frames to decode into memory before the clock starts
     #[arg(long, value_name = "N", default_value_t = 150, value_parser = clap::value_parser!(u64).range(1..))]
@@ -37,6 +35,8 @@ pub struct BenchArgs {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    flight: FlightArgs,
 }
 
 impl BenchArgs {

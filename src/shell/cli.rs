@@ -17,6 +17,8 @@ pub struct Cli {
 /// What the program can do.
 #[derive(Debug, Clone, Subcommand)]
 pub enum Verb {
+    /// Render a flight: frames, ground truth and what camera and target did
+    Simulate(super::simulate::SimulateArgs),
     /// Find flying objects in a recorded flight, or in a simulated one
     Replay(replay::ReplayArgs),
     /// Measure accuracy on a folder of clips with ground truth

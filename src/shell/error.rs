@@ -1,6 +1,7 @@
 //! What can go wrong in a verb, told in one line: the file, the place, what to do.
 
 use super::clips::ClipsError;
+use super::simulate::SimulateError;
 use super::source::SourceError;
 use crate::detector;
 use crate::model::ModelError;
@@ -15,6 +16,9 @@ pub enum Error {
     /// Frames cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
+    /// A simulated flight cannot be written.
+    #[error(transparent)]
+    Simulate(#[from] SimulateError),
     /// Clips cannot be read.
     #[error(transparent)]
     Clips(#[from] ClipsError),

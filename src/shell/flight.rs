@@ -1,16 +1,17 @@
 //! The flight that a verb works on: the user's input, or one simulated in memory.
 
 use super::error::Error;
-use super::source::{self, FrameSource};
+use super::simulate::SimulateSettings;
+use super::source::{self, FrameSource, Simulated};
 use std::boxed::Box;
 use std::string::String;
 
 /// The simulated flight, where there is no input.
 #[derive(Debug, Clone, clap::Args)]
+#[command(next_help_heading = "Simulated flight", mut_arg("kind", |kind| kind.long("simulate")))]
 pub struct FlightArgs {
-    /// Seed of the simulated flight
-    #[arg(long, value_name = "S", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    settings: SimulateSettings,
 }
 
 impl FlightArgs {
@@ -21,7 +22,7 @@ impl FlightArgs {
     pub fn open(&self, input: Option<&str>) -> Result<Box<dyn FrameSource>, Error> {
         match input {
             Some(input) => Ok(source::open(input)?),
-            None => Err(Error::NoFrames { input: self.name(None) }),
+            None => Ok(Box::new(Simulated::new(&self.settings))),
         }
     }
 

@@ -20,12 +20,11 @@ use std::{eprintln, format};
 
 /// What `lookout replay` can be told.
 #[derive(Debug, Clone, clap::Args)]
+#[command(mut_arg("kind", |kind| kind.conflicts_with("input")))]
 pub struct ReplayArgs {
     /// Folder of PNG, JPEG or PGM pictures, .y4m, - (y4m on standard input), or any video ffmpeg reads; none: a simulated flight
     #[arg(value_name = "INPUT")]
     input: Option<String>,
-    #[command(flatten)]
-    flight: FlightArgs,
     #[command(flatten)]
     detector: DetectorArgs,
     /// Write detections in MOTChallenge form: frame,-1,left,top,width,height,score
@@ -43,6 +42,8 @@ pub struct ReplayArgs {
     /// Threads to use; 1: none beside the main one, 0: one a processor core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
+    #[command(flatten)]
+    flight: FlightArgs,
 }
 
 /// Replays a flight.
