@@ -62,8 +62,6 @@ fn run(model: &Model<'_>) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
-
     #[test]
     fn changed_files_are_refused(changes in prop::collection::vec(change(), 1..4)) {
         let good = model();
