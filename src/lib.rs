@@ -1,4 +1,71 @@
-//! Lookout: an onboard lookout for drones.
+//! Lookout: the open onboard lookout for drones.
+//!
+//! It watches the grey camera of a drone that moves itself and finds other flying objects in it: small ones, of 10 to
+//! 100 pixels, before ground, trees and sky that move as well. The method is that of Rozantsev, Lepetit and Fua,
+//! "Flying Objects Detection from a Single Moving Camera" (CVPR 2015): the last frames around an object are put
+//! together to a st-cube, regressors keep the object in the middle of every slice, boosted trees over the gradient
+//! energies of boxes in the cube tell objects from what is left of the background.
+//!
+//! # The core
+//! Without features the crate is the detector alone: no standard library, no allocation, integers only, memory and time
+//! given by the caller. The same frames give the same bytes on a desktop and on a microcontroller.
+//!
+//! ```
+//! use lookout::detector::{Buffers, Config, Detector};
+//! use lookout::image::Image;
+//! use lookout::model::Model;
+//!
+//! const CONFIG: Config = Config { max_target: 60, ..Config::new(160, 120) };
+//! let mut bytes = [0; CONFIG.bytes_len()];
+//! let mut words = [0; CONFIG.words_len()];
+//!
+//! let model = Model::parse(include_bytes!("../models/lookout.lkm"))?;
+//! let buffers = Buffers { bytes: &mut bytes, words: &mut words };
+//! let mut detector = Detector::new(&model, CONFIG, buffers)?;
+//!
+//! let grey = [90; 160 * 120];
+//! let frame = Image::packed(&grey, 160, 120)?;
+//! let detections = detector.process(frame, 33_333)?;
+//! for detection in &detections.list {
+//!     println!("{:?} with score {}", detection.rect, detection.score);
+//! }
+//! # assert!(detections.windows > 0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Features
+//! - `std` (default): the shell around the core, `shell`, and the program `lookout`: recorded flights in, detections,
+//!   scores and trained models out.
+//! - `rayon` (default, implies `std`): levels of the pyramid and the trainer's work on all processors. The results are
+//!   those of one thread, byte for byte.
+//!
+//! # Layers, from the top down
+//! A module uses modules of lower levels only; a test checks it.
+//!
+//! | level | module | what it does |
+//! | --- | --- | --- |
+//! | 8 | `shell` | everything that needs an operating system: sources, replay, training, evaluation |
+//! | 7 | [`detector`] | frames in, detections out: configuration, memory, the order of the steps below |
+//! | 6 | [`front`] | the front end: from frames to the channels of all levels, for the last frames |
+//! | 6 | [`model`] | the model file, checked once and read where it lies |
+//! | 5 | [`scan`] | a soft cascade over every window of every level: the candidates |
+//! | 5 | [`motion`] | Algorithm 1: the object stays in the middle of every slice of its cube |
+//! | 4 | [`feature`] | energies of boxes in a cube, compared without a division |
+//! | 4 | [`levels`] | the pyramid of a frame and its memory |
+//! | 3 | [`cube`] | windows on the last frames: the slices of a st-cube |
+//! | 3 | [`warp`] | an older frame seen from where the camera is now, and what differs |
+//! | 2 | [`channels`] | gradient energies and differences of a level, in tables and in the scan's map |
+//! | 2 | [`registration`] | the motion of the background from frame to frame |
+//! | 1 | [`trees`] | boosted trees and their cascade; they know no image |
+//! | 1 | [`planar`] | a motion of the whole picture, fitted to the motion of points |
+//! | 1 | [`flow`] | corners, and where they were in another picture |
+//! | 1 | [`gradient`] | gradient energy of cells by orientation |
+//! | 1 | [`integral`] | summed-area tables |
+//! | 1 | [`pyramid`] | smaller copies of a picture |
+//! | 1 | [`nms`] | of boxes that overlap only the best is kept |
+//! | 0 | [`image`] | views of grey pictures, and boxes in them |
+//! | 0 | [`fixed`] | fixed-point helpers |
+//! | 0 | [`linear`] | small systems of linear equations in integers |
 #![no_std]
 
 #[cfg(any(test, feature = "std"))]
