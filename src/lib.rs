@@ -44,8 +44,9 @@
 //!
 //! | level | module | what it does |
 //! | --- | --- | --- |
-//! | 8 | `shell` | everything that needs an operating system: sources, replay, training, evaluation |
-//! | 7 | [`detector`] | frames in, detections out: configuration, memory, the order of the steps below |
+//! | 9 | `shell` | everything that needs an operating system: sources, replay, training, evaluation |
+//! | 8 | [`detector`] | frames in, detections out: configuration, memory, the order of the steps below |
+//! | 7 | [`judge`] | the verdict on a candidate: its st-cube, a score, a box |
 //! | 6 | [`front`] | the front end: from frames to the channels of all levels, for the last frames |
 //! | 6 | [`model`] | the model file, checked once and read where it lies |
 //! | 5 | [`scan`] | a soft cascade over every window of every level: the candidates |

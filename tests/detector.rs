@@ -102,7 +102,8 @@ fn what_finds_no_room_is_counted() {
     for detections in watch(&keen_model(), config, 0, 2) {
         assert_eq!(detections.kept, detections.windows, "the scan keeps every window");
         assert_eq!(detections.proposals.len(), MAX_CANDIDATES);
-        assert_eq!(detections.list.len(), MAX_DETECTIONS);
+        // Boxes that came to lie on each other in the second look are gone, not dropped.
+        assert!((2..=MAX_DETECTIONS).contains(&detections.list.len()));
         let judged = (MAX_CANDIDATES - MAX_DETECTIONS) as u32;
         assert!(detections.dropped > judged, "{} dropped", detections.dropped);
         assert!(detections.list.is_sorted_by(|a, b| a.score >= b.score));

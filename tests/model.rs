@@ -182,12 +182,15 @@ fn each_refusal_says_why() {
     assert_eq!(error, ModelError::Checksum);
     assert!(text.contains("checksum"));
 
-    let (error, text) = refusal(|bytes| {
-        bytes[20] += 1;
-        repair(bytes);
-    });
-    assert_eq!(error, ModelError::Geometry);
-    assert!(text.contains("windows or channels"));
+    // Window, channels of the map; parts and scales that do not exist; the reserved byte.
+    for (place, value) in [(20, 11), (24, 15), (25, 8), (26, 0), (26, 5), (27, 1)] {
+        let (error, text) = refusal(|bytes| {
+            bytes[place] = value;
+            repair(bytes);
+        });
+        assert_eq!(error, ModelError::Geometry);
+        assert!(text.contains("windows or channels"));
+    }
 
     let beyond = forest(4, 0, &[(NEVER_REJECT, vec![(4, 0)], vec![0, 0])]);
     let (error, text) = refused(Section::Vertical, &beyond);
@@ -242,6 +245,7 @@ fn a_model_is_what_was_written() {
     let (sections, bytes) = (sections(), model());
     let model = Model::parse(&bytes).unwrap();
     assert_eq!(model.bytes(), bytes);
+    assert_eq!(model.method(), common::METHOD);
     assert_eq!(model.provenance(), r#"{"made":"by hand"}"#);
     for section in Section::ALL {
         assert_eq!(model.section(section), sections[section as usize]);

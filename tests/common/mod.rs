@@ -5,7 +5,7 @@ pub mod golden;
 
 use lookout::detector::{Buffers, Config, Detections, Detector};
 use lookout::image::Image;
-use lookout::model::{self, GEOMETRY, MAGIC, Model, Section, VERSION};
+use lookout::model::{self, GEOMETRY, MAGIC, Method, Model, Section, VERSION};
 use lookout::scan;
 use lookout::trees::NEVER_REJECT;
 
@@ -14,6 +14,10 @@ pub type Sections = [Vec<u8>; Section::ALL.len()];
 
 /// One tree: reject threshold, nodes in heap order, leaves from left to right.
 pub type Tree = (i32, Vec<(u16, u16)>, Vec<i16>);
+
+/// What the models here say they were trained with.
+pub const METHOD: Method =
+    Method { registration: true, temporal: true, compensation: true, scales_per_octave: 2 };
 
 /// Bytes of a forest over `features` features.
 pub fn forest(features: u16, bias: i32, trees: &[Tree]) -> Vec<u8> {
@@ -40,6 +44,8 @@ pub fn assemble(sections: &Sections) -> Vec<u8> {
     bytes.extend(VERSION.to_le_bytes());
     bytes.extend([0; 10]);
     bytes.extend(GEOMETRY);
+    bytes.extend(METHOD.encode());
+    bytes.push(0);
     sections.iter().for_each(|s| bytes.extend((s.len() as u32).to_le_bytes()));
     sections.iter().for_each(|s| bytes.extend(s));
     repair(&mut bytes);
