@@ -56,6 +56,9 @@ pub fn window(candidate: &Candidate) -> Position {
     Position { x: quarters(candidate.x), y: quarters(candidate.y) }
 }
 
+/// Looks that a detection's score and box are the means of: levels coarser, quarters of a cell right and down.
+const LOOKS: [(isize, i32, i32); 5] = [(0, 0, 0), (-1, 0, 0), (1, 0, 0), (0, 3, 3), (0, -3, -3)];
+
 /// A candidate with its verdict.
 #[derive(Debug, Clone, Copy)]
 pub struct Judged {
@@ -98,32 +101,66 @@ impl Judge<'_> {
         Some(Judged { candidate: *candidate, detection })
     }
 
-    /// Looks again where the box is, on the level that suits its size: boxes are most exact for centred targets. The
-    /// score becomes the mean of both looks.
+    /// Looks again where the box is, on the level that suits its size, then around that place: boxes are most exact for
+    /// centred targets, and the mean of several looks is surer than any of them. Score and box become the means.
     pub fn refine(&self, judged: &mut Judged, cube: &mut Cube) {
-        let Judged { candidate, detection } = judged;
-        let rect = detection.rect;
+        let Judged { candidate, detection } = *judged;
+        let Some(level) = self.level_of(&detection.rect) else { return };
+        let centred = self.look(&candidate, &detection.rect, level, (0, 0), cube);
+        let Some(level) = self.level_of(&centred.rect) else { return };
+        let mut score = i64::from(detection.score);
+        let (mut sums, mut looks) = ([0i64; 4], 0);
+        for (step, x, y) in LOOKS {
+            let Some(level) = level.checked_add_signed(step) else { continue };
+            if !self.pyramid.get(level).is_some_and(|l| l.level.active) {
+                continue;
+            }
+            let again = self.look(&candidate, &centred.rect, level, (x, y), cube);
+            score += i64::from(again.score);
+            let Rect { x, y, width, height } = again.rect;
+            for (sum, value) in sums.iter_mut().zip([x + width / 2, y + height / 2, width, height])
+            {
+                *sum += i64::from(value.to_bits());
+            }
+            looks += 1;
+        }
+        let [x, y, width, height] =
+            sums.map(|sum| I28F4::from_bits(sum.div_euclid(i64::from(looks.max(1))) as i32));
+        let rect = Rect { x: x - width / 2, y: y - height / 2, width, height };
+        let score = score.div_euclid(i64::from(looks) + 1) as i32;
+        judged.detection = Detection { rect, score, ..centred };
+    }
+
+    /// The searched level whose nominal target is nearest to the longer side of a box.
+    fn level_of(&self, rect: &Rect) -> Option<usize> {
         let length = rect.width.max(rect.height).to_bits();
-        let distance = |level: &LevelBuffers<'_>| {
+        let distance = |target: i32| {
             // Ratio of the larger to the smaller length, Q8.
-            let target = level.level.target_q4();
             i64::from(length.max(target)) * 256 / i64::from(length.min(target).max(1))
         };
-        let active = self.pyramid.iter().filter(|l| l.level.active);
-        let Some(level) = active.min_by_key(|l| (distance(l), l.number)) else { return };
-        candidate.level = level.number;
+        let levels = self.pyramid.iter().enumerate().filter(|(_, l)| l.level.active);
+        levels.min_by_key(|(_, l)| distance(l.level.target_q4())).map(|(number, _)| number)
+    }
+
+    /// Looks at the middle of `rect` on another level, off by `away` quarters of a cell.
+    fn look(
+        &self,
+        candidate: &Candidate,
+        rect: &Rect,
+        level: usize,
+        away: (i32, i32),
+        cube: &mut Cube,
+    ) -> Detection {
         // Q4 to Q8 pixels.
         let centre = |from: I28F4, length: I28F4| (from.to_bits() << 4) + (length.to_bits() << 3);
         let centre = (centre(rect.x, rect.width), centre(rect.y, rect.height));
-        let path = self.cut(candidate, Position::centred(centre, level.level.scale), cube);
-        let score = if self.stcube {
-            let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
-            let again = i64::from(self.model.cube().score(test)) * 256;
-            ((i64::from(detection.score) + again) >> 1) >> 8
-        } else {
-            i64::from(candidate.score)
-        };
-        *detection = self.detection(candidate, &path, cube, score as i32);
+        let at = Position::centred(centre, self.pyramid[level].level.scale);
+        let at = Position { x: at.x + away.0, y: at.y + away.1 };
+        let candidate = Candidate { level: level as u8, ..*candidate };
+        let path = self.cut(&candidate, at, cube);
+        let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
+        let score = if self.stcube { self.model.cube().score(test) } else { candidate.score };
+        self.detection(&candidate, &path, cube, score)
     }
 
     /// Cuts the cube of a candidate from the window at `start` of its level: Algorithm 1, and what is known beside the
