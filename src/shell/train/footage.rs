@@ -70,12 +70,8 @@ pub fn load(
 
 fn read(clip: clips::Clip, every: usize, number: usize, held_back: bool) -> Result<Footage, Error> {
     let mut source = source::open(&clip.input.display().to_string())?;
-    let mut footage = Footage {
-        truth: clip.ground_truth,
-        held_back,
-        samples: Vec::new(),
-        frames: Vec::new(),
-    };
+    let mut footage =
+        Footage { truth: clip.ground_truth, held_back, samples: Vec::new(), frames: Vec::new() };
     let mut frame = Frame::default();
     // Clips start at different phases, so that a folder of short clips is sampled evenly too.
     let first = HISTORY + number % every;

@@ -10,7 +10,7 @@ mod file;
 mod footage;
 mod labels;
 mod pool;
-mod random;
+pub(in crate::shell) mod random;
 mod report;
 mod stages;
 mod windows;
