@@ -1,4 +1,4 @@
-//! `lookout eval`: accuracy on a folder of clips. `lookout score`: the same for detections that are there already.
+//! `lookout eval`: accuracy on a folder of clips, with a report if wanted. `lookout score`: the same for detections that are there already.
 
 use super::clips::{self, Clip, TruthBox};
 use super::detections::{self, TextFile};

@@ -4,6 +4,7 @@
 //! draws, so that differences between methods are paired.
 
 use crate::shell::parallel;
+use crate::shell::ranking::Ranking;
 use crate::shell::train::random::Random;
 use serde::Serialize;
 use std::vec;
@@ -16,7 +17,10 @@ pub const SEED: u64 = 1;
 /// Share of the draws that an interval holds.
 pub const LEVEL: f64 = 0.95;
 
-/// A figure and its confidence interval; none where there are too few clips.
+/// With targets in fewer clips than this there is no interval: drawing them again tells nothing.
+pub const FEWEST_CLIPS: usize = 3;
+
+/// A figure and its confidence interval; none where too few clips have targets.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Interval {
     /// On the clips as they are; none where nothing can be found.
@@ -42,38 +46,48 @@ impl Bootstrap {
             (0..clips).for_each(|_| times[random.below(clips)] += 1);
             times
         };
-        // One clip drawn again is the same clip: that tells nothing.
-        let resamples = if clips < 2 { 0 } else { resamples };
         Self { draws: (0..resamples).map(|_| draw()).collect() }
     }
 
-    /// A figure on every draw; it is none where the draw holds no target.
-    pub fn samples(&self, figure: impl Fn(&[u32]) -> Option<f64> + Sync) -> Vec<Option<f64>> {
-        let pieces: Vec<&[Vec<u32>]> = self.draws.chunks(32).collect();
-        let piece = |draws: &[Vec<u32>]| draws.iter().map(|d| figure(d)).collect::<Vec<_>>();
-        parallel::map(pieces, piece).concat()
+    /// A figure of the clips as they are and of every draw; none where there is no target.
+    pub fn sample(
+        &self,
+        ranking: &Ranking,
+        figure: impl Fn(&Ranking, &[u32]) -> f64 + Sync,
+    ) -> Sampled {
+        let value = |times: &[u32]| (ranking.targets(times) > 0).then(|| figure(ranking, times));
+        let with_targets = ranking.clips().iter().filter(|clip| clip.targets > 0).count();
+        let draws = if with_targets < FEWEST_CLIPS { &[] } else { self.draws.as_slice() };
+        let piece = |draws: &[Vec<u32>]| draws.iter().map(|d| value(d)).collect::<Vec<_>>();
+        let draws = parallel::map(draws.chunks(32).collect(), piece).concat();
+        Sampled { value: value(&ranking.whole()), draws }
     }
 }
 
-impl Interval {
-    /// The figure on the clips as they are, with the middle [`LEVEL`] of the draws.
-    pub fn new(value: Option<f64>, samples: &[Option<f64>]) -> Self {
-        let mut sorted: Vec<f64> = samples.iter().copied().flatten().collect();
+/// A figure of the clips as they are and of every draw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sampled {
+    value: Option<f64>,
+    draws: Vec<Option<f64>>,
+}
+
+impl Sampled {
+    /// The figure with the middle [`LEVEL`] of the draws that have targets.
+    pub fn interval(&self) -> Interval {
+        let mut sorted: Vec<f64> = self.draws.iter().copied().flatten().collect();
         sorted.sort_by(f64::total_cmp);
-        // Half of the draws without a target: nothing is known of the other half.
-        if sorted.is_empty() || sorted.len() * 2 < samples.len() || value.is_none() {
-            return Self { value, low: None, high: None };
-        }
-        let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share).round() as usize];
+        let at = |share: f64| {
+            sorted.get((sorted.len().saturating_sub(1) as f64 * share).round() as usize).copied()
+        };
         let tail = (1.0 - LEVEL) / 2.0;
-        Self { value, low: Some(at(tail)), high: Some(at(1.0 - tail)) }
+        Interval { value: self.value, low: at(tail), high: at(1.0 - tail) }
     }
 
-    /// How much more one figure is than another on the same draws.
-    pub fn difference(a: (Option<f64>, &[Option<f64>]), b: (Option<f64>, &[Option<f64>])) -> Self {
+    /// How much more this is than `other`, draw by draw.
+    pub fn less(&self, other: &Self) -> Self {
         let minus = |a: Option<f64>, b: Option<f64>| Some(a? - b?);
-        let samples: Vec<_> = a.1.iter().zip(b.1).map(|(&a, &b)| minus(a, b)).collect();
-        Self::new(minus(a.0, b.0), &samples)
+        let draws = self.draws.iter().zip(&other.draws).map(|(&a, &b)| minus(a, b)).collect();
+        Self { value: minus(self.value, other.value), draws }
     }
 }
 
@@ -96,31 +110,29 @@ mod tests {
         Ranking::new(vec![ClipCount { frames: 20, targets: 20 }; count], outcomes)
     }
 
+    fn interval(ranking: &Ranking, seed: u64) -> Interval {
+        let draws = Bootstrap::new(ranking.clips().len(), 200, seed);
+        draws.sample(ranking, Ranking::average_precision).interval()
+    }
+
     #[test]
     fn same_seed_same_interval() {
         let ranking = clips(12, &mut Random::new(3));
-        let interval = |seed| {
-            let draws = Bootstrap::new(12, 200, seed);
-            let value = ranking.average_precision(&ranking.whole());
-            Interval::new(Some(value), &draws.samples(|t| Some(ranking.average_precision(t))))
-        };
-        assert_eq!(interval(1), interval(1));
-        assert_ne!(interval(1), interval(2));
-        let Interval { value, low, high } = interval(1);
-        assert!(low < value && value < high && low > Some(0.0), "{:?}", interval(1));
+        let [first, again, other] = [1, 1, 2].map(|seed| interval(&ranking, seed));
+        assert_eq!(first, again);
+        assert_ne!(first, other);
+        assert!(first.low < first.value && first.value < first.high, "{first:?}");
+        assert!(first.low > Some(0.0), "{first:?}");
     }
 
     #[test]
     fn the_truth_is_inside_as_often_as_claimed() {
         let mut random = Random::new(5);
-        let average = |r: &Ranking| r.average_precision(&r.whole());
-        let truth = average(&clips(20_000, &mut random));
+        let truth = clips(20_000, &mut random);
+        let truth = truth.average_precision(&truth.whole());
         let trials = 200;
         let inside = (0..trials).filter(|&trial| {
-            let ranking = clips(40, &mut random);
-            let draws = Bootstrap::new(40, 200, trial);
-            let samples = draws.samples(|t| Some(ranking.average_precision(t)));
-            let interval = Interval::new(Some(average(&ranking)), &samples);
+            let interval = interval(&clips(40, &mut random), trial);
             (interval.low.unwrap()..=interval.high.unwrap()).contains(&truth)
         });
         let share = inside.count() as f64 / trials as f64;
@@ -128,15 +140,23 @@ mod tests {
     }
 
     #[test]
-    fn too_little_gives_no_interval() {
-        let none = Interval { value: Some(0.5), low: None, high: None };
-        assert_eq!(Interval::new(Some(0.5), &Bootstrap::new(1, 9, 1).samples(|_| Some(1.0))), none);
-        assert_eq!(Interval::new(Some(0.5), &[None, None, Some(0.1)]), none);
-        assert_eq!(Interval::new(None, &[Some(0.1)]).low, None);
-        let paired = Interval::difference(
-            (Some(0.5), &[Some(0.6), Some(0.4)]),
-            (Some(0.4), &[Some(0.5), Some(0.3)]),
-        );
-        assert!((paired.low.unwrap() - 0.1).abs() < 1e-12);
+    fn too_few_clips_give_no_interval() {
+        let ranking = clips(FEWEST_CLIPS - 1, &mut Random::new(3));
+        let Interval { value, low, high } = interval(&ranking, 1);
+        assert_eq!((value.is_some(), low, high), (true, None, None));
+        let nothing = Ranking::new(vec![ClipCount::default(); 9], Vec::new());
+        assert_eq!(interval(&nothing, 1), Interval::default());
+    }
+
+    #[test]
+    fn differences_are_paired() {
+        let ranking = clips(20, &mut Random::new(3));
+        let draws = Bootstrap::new(20, 200, 1);
+        let a = draws.sample(&ranking, |r, t| r.average_precision(t) + 0.125);
+        let b = draws.sample(&ranking, Ranking::average_precision);
+        let Interval { value, low, high } = a.less(&b).interval();
+        for v in [value, low, high] {
+            assert!((v.unwrap() - 0.125).abs() < 1e-9, "the same draws differ by the same");
+        }
     }
 }

@@ -163,6 +163,8 @@ impl Dimension {
 pub struct GroupFigures {
     /// The group.
     pub name: String,
+    /// Clips that have such targets.
+    pub clips: usize,
     /// Targets in it.
     pub targets: u64,
     /// Targets found at the method's score of 10 false alarms in 1000 frames, IoU 0.3.
@@ -191,26 +193,17 @@ pub fn figures(
         let found = at.iter().filter(|o| o.hit).count();
         GroupFigures {
             name: name.clone(),
+            clips: counted.clips().iter().filter(|clip| clip.targets > 0).count(),
             targets: counted.targets(&counted.whole()),
             found: found as u64,
             false_alarms: (at.len() - found) as u64,
-            average_precision: rankings.iter().map(|r| interval(&r[group], bootstrap)).collect(),
+            average_precision: rankings
+                .iter()
+                .map(|r| bootstrap.sample(&r[group], Ranking::average_precision).interval())
+                .collect(),
         }
     };
     dimension.groups.iter().enumerate().map(figure).collect()
-}
-
-fn interval(ranking: &Ranking, bootstrap: &Bootstrap) -> Interval {
-    let figure = |times: &[u32]| average_precision(ranking, times);
-    let value = figure(&ranking.whole());
-    // Without a target there is nothing to draw.
-    let samples = if value.is_some() { bootstrap.samples(figure) } else { Vec::new() };
-    Interval::new(value, &samples)
-}
-
-/// None where there is no target.
-pub fn average_precision(ranking: &Ranking, times: &[u32]) -> Option<f64> {
-    (ranking.targets(times) > 0).then(|| ranking.average_precision(times))
 }
 
 /// Upper bounds of the first three quarters; equal ones once.

@@ -1,7 +1,7 @@
 //! All figures of a report, as they stand in `report.json`.
 
-use super::bootstrap::{Bootstrap, Interval, LEVEL, RESAMPLES, SEED};
-use super::breakdown::{self, ClipTruth, Dimension, GroupFigures, average_precision};
+use super::bootstrap::{Bootstrap, Interval, LEVEL, RESAMPLES, SEED, Sampled};
+use super::breakdown::{self, ClipTruth, Dimension, GroupFigures};
 use super::curves;
 use super::gallery::Strip;
 use super::methods::Method;
@@ -181,7 +181,7 @@ pub fn methods(
 ) -> Vec<MethodFigures> {
     let bootstrap = Bootstrap::new(truth.len(), RESAMPLES, SEED);
     let dimensions = Dimension::all(truth);
-    let mut first: Vec<Vec<Option<f64>>> = Vec::new();
+    let mut first: Vec<Sampled> = Vec::new();
     let mut all: Vec<MethodFigures> = Vec::new();
     for (method, judged) in methods.iter().zip(judged) {
         let mut at_iou = Vec::new();
@@ -190,27 +190,24 @@ pub fn methods(
             let mut scorer = Scorer::new(*iou, WARMUP);
             judged.iter().for_each(|judged| scorer.add_judged(judged));
             let (report, ranking) = (scorer.clone().report(), scorer.ranking());
-            let samples = bootstrap.samples(|times| average_precision(&ranking, times));
-            let value = average_precision(&ranking, &ranking.whole());
-            let first_less_this = all.first().map(|ours| {
-                let ours = ours.at_iou[i].average_precision.value;
-                Interval::difference((ours, &first[i]), (value, &samples))
-            });
+            let sampled = bootstrap.sample(&ranking, Ranking::average_precision);
+            let first_less_this = all.first().map(|_| first[i].less(&sampled).interval());
             let recall = |limit: u64| {
-                let at = |t: &[u32]| (ranking.targets(t) > 0).then(|| ranking.recall_at(t, limit));
-                Interval::new(at(&ranking.whole()), &bootstrap.samples(at))
+                bootstrap
+                    .sample(&ranking, |ranking, times| ranking.recall_at(times, limit))
+                    .interval()
             };
             let hours = judged.iter().zip(truth).map(|(j, t)| hours(j, t)).sum();
             at_iou.push(AtIou {
                 score: report,
-                average_precision: Interval::new(value, &samples),
+                average_precision: sampled.interval(),
                 first_less_this,
                 recall_at_false_alarms_per_1000_frames: FALSE_ALARMS.map(recall).into(),
                 precision_recall: curves::precision_recall(&ranking),
                 recall_at_false_alarms_per_hour: curves::recall_per_hour(&ranking, hours),
             });
             if all.is_empty() {
-                first.push(samples);
+                first.push(sampled);
             }
             if i == LOOSE {
                 loose = ranking;

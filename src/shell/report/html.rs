@@ -1,6 +1,6 @@
 //! The report as one page: style, plots and pictures inside.
 
-use super::bootstrap::Interval;
+use super::bootstrap::{FEWEST_CLIPS, Interval};
 use super::figures::{Breakdown, Figures, IOUS, MethodFigures, limit_name};
 use super::gallery::{PER_CLIP, Strip};
 use super::plot::{self, Axis, Line, plot};
@@ -36,7 +36,7 @@ pub fn page(figures: &Figures) -> String {
 fn head(figures: &Figures) -> String {
     let flights = &figures.flights;
     format!(
-        "<h1>Lookout: detection on {}</h1>\n<p>{} clips, {} frames ({:.2} hours of flight), {} targets, {} boxes on birds. \
+        "<h1>Lookout: detection on {}</h1>\n<p>{} clips, {} frames ({:.3} hours of flight), {} targets, {} boxes on birds. \
          Of these clips {} ({:.3} hours) show no target at all.</p>\n<p>{}</p>\n",
         escape(&figures.data),
         flights.clips,
@@ -90,7 +90,7 @@ fn precision(figures: &Figures) -> String {
     });
     format!(
         "<h2>Average precision</h2>\n{}<p class=\"note\">Small: {:.0} % confidence interval. Time: in this run, other clips at \
-         the same time; \u{201c}\u{2013}\u{201d}: not measured.</p>\n<div class=\"plots\">{}</div>\n",
+         the same time; \u{201c}\u{2013}\u{201d}: not known.</p>\n<div class=\"plots\">{}</div>\n",
         table(&heads, 1, figures.methods.iter().map(row)),
         figures.bootstrap.level * 100.0,
         curves.collect::<String>(),
@@ -148,7 +148,7 @@ fn breakdowns(figures: &Figures) -> String {
 
 fn breakdown(figures: &Figures, which: usize) -> String {
     let all: Vec<&Breakdown> = figures.methods.iter().map(|m| &m.breakdowns[which]).collect();
-    let mut heads = vec!["Group".to_string(), "Method".into(), "Targets".into()];
+    let mut heads = vec!["Group".to_string(), "Method".into(), "Clips".into(), "Targets".into()];
     heads.extend(IOUS.map(|iou| format!("AveP (IoU {iou})")));
     heads.extend(["Found".into(), "False alarms".into()]);
     let groups = &all[0].groups;
@@ -157,7 +157,7 @@ fn breakdown(figures: &Figures, which: usize) -> String {
             let group = &breakdown.groups[g];
             let first = if m == 0 { escape(&group.name) } else { String::new() };
             let mut cells = vec![first, escape(&figures.methods[m].name)];
-            cells.push(group.targets.to_string());
+            cells.extend([group.clips.to_string(), group.targets.to_string()]);
             cells.extend(group.average_precision.iter().map(interval));
             cells.extend([group.found.to_string(), group.false_alarms.to_string()]);
             cells
@@ -282,7 +282,8 @@ fn method(figures: &Figures) -> String {
          intersection over union (IoU), if that reaches the threshold. Birds, targets cut by the frame\u{2019}s edge and targets under 8 px \
          are ignored, and what lies on them with half of its area. The first 3 frames of a clip are left out. AveP is the area under the \
          interpolated precision-recall curve of all clips together.</p>\n<p>Intervals: the middle {:.0} % of {} draws of {} with \
-         replacement (seed {}), the same draws for all methods. Contrast: mean absolute difference of the box\u{2019}s pixels to the mean of \
+         replacement (seed {}), the same draws for all methods; none where fewer \
+         than {FEWEST_CLIPS} clips have such targets. Contrast: mean absolute difference of the box\u{2019}s pixels to the mean of \
          a ring of half the box\u{2019}s longer side around it. Hours of flight: frames by the frame rate in camera.json, else 30 a \
          second.</p>\n<p>Made by lookout {}. The same figures stand in report.json.</p>\n",
         bootstrap.level * 100.0,

@@ -111,6 +111,7 @@ fn draw(svg: &mut String, x: &Axis, y: &Axis, lines: &[Line]) -> Result<(), Box<
     let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
     let mut chart = ChartBuilder::on(&root)
         .margin(12)
+        .margin_right(28)
         .x_label_area_size(44)
         .y_label_area_size(52)
         .build_cartesian_2d(x.clone(), y.clone())?;
