@@ -250,3 +250,30 @@ fn what_is_broken_is_named() {
     }
     assert_eq!(lookout(&["eval", &data, "--external", "a=b"]).status.code(), Some(2));
 }
+
+#[test]
+fn the_independent_scorer_says_the_same() {
+    const SCORE_PY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/tools/score.py");
+    let python = |args: &[&str]| Command::new("python3").args(args).output();
+    if !Path::new(SCORE_PY).exists() || !python(&["--version"]).is_ok_and(|o| o.status.success()) {
+        eprintln!("skipped: needs python3 and {SCORE_PY}");
+        return;
+    }
+    let made = made();
+    for (method, detections) in [&made.out, &made.other].into_iter().enumerate() {
+        for at in made.json["methods"][method]["at_iou"].as_array().unwrap() {
+            let iou = at["score"]["iou"].to_string();
+            let args = [SCORE_PY, &made.data, detections, "--iou", &iou, "--json"];
+            let output = python(&args).unwrap();
+            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+            let theirs: Value = serde_json::from_slice(&output.stdout).unwrap();
+            assert_eq!(at["score"], theirs);
+            let recall = |n: u64| &theirs[format!("recall_at_{n}_false_alarms_per_1000_frames")];
+            let ours = at["recall_at_false_alarms_per_1000_frames"].as_array().unwrap();
+            for (ours, n) in ours.iter().zip([1, 10, 100]) {
+                let off = ours["value"].as_f64().unwrap() - recall(n).as_f64().unwrap();
+                assert!(off.abs() <= 0.5001e-4, "{off} at {n}");
+            }
+        }
+    }
+}

@@ -167,7 +167,10 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn ranking(clips: &[(u64, usize, Vec<(u8, bool)>)]) -> Ranking {
+    /// Frames, targets, scores and hits.
+    type Parts = (u64, usize, Vec<(u8, bool)>);
+
+    fn ranking(clips: &[Parts]) -> Ranking {
         let counts = clips.iter().map(|&(frames, targets, _)| ClipCount { frames, targets });
         let outcomes = clips.iter().enumerate().flat_map(|(clip, (.., outcomes))| {
             outcomes.iter().map(move |&(score, hit)| Outcome { score: score.into(), hit, clip })

@@ -83,6 +83,7 @@ fn precision(figures: &Figures) -> String {
         let line = |m: usize, method: &MethodFigures| Line {
             method: m,
             points: method.at_iou[i].precision_recall.clone(),
+            joined: true,
             bars: Vec::new(),
         };
         let svg = plot(&Axis::share("recall"), &Axis::share("precision"), &lines(figures, line));
@@ -119,6 +120,7 @@ fn false_alarms(figures: &Figures) -> String {
             let place = |p: [f64; 2]| [if p[0] > 0.0 { p[0].log10().max(low) } else { low }, p[1]];
             Line {
                 method: m,
+                joined: true,
                 points: hourly(method).into_iter().map(place).collect(),
                 bars: vec![],
             }
@@ -169,7 +171,8 @@ fn breakdown(figures: &Figures, which: usize) -> String {
         let line = |m: usize, _: &MethodFigures| {
             // Side by side, so that intervals do not hide each other.
             let shift = (m as f64 - (all.len() - 1) as f64 / 2.0) * 0.5 / all.len() as f64;
-            let mut line = Line { method: m, ..Line::default() };
+            let joined = !["kind", "class"].contains(&all[m].by);
+            let mut line = Line { method: m, joined, ..Line::default() };
             for (g, group) in all[m].groups.iter().enumerate() {
                 let Interval { value: Some(value), low, high } = group.average_precision[i] else {
                     continue;

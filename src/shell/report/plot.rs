@@ -92,8 +92,10 @@ impl ValueFormatter<f64> for Axis {
 pub struct Line {
     /// Its number, for the colour.
     pub method: usize,
-    /// Joined by lines.
+    /// Its points.
     pub points: Vec<[f64; 2]>,
+    /// Whether lines join them: not where they have no order.
+    pub joined: bool,
     /// Intervals: x, low, high; each has a dot at the point of its number.
     pub bars: Vec<[f64; 3]>,
 }
@@ -136,7 +138,7 @@ fn draw(svg: &mut String, x: &Axis, y: &Axis, lines: &[Line]) -> Result<(), Box<
             chart.draw_series([PathElement::new(ends, style)])?;
             chart.draw_series([Circle::new(*point, 4, colour.filled())])?;
         }
-        if points.len() > 1 {
+        if line.joined && points.len() > 1 {
             chart.draw_series([PathElement::new(points, style)])?;
         }
     }
@@ -153,6 +155,7 @@ mod tests {
     fn a_plot_needs_nothing_from_outside() {
         let line = Line {
             method: 0,
+            joined: true,
             points: vec![[0.0, 0.5], [1.0, 0.25]],
             bars: vec![[0.0, 0.4, 0.6], [1.0, 0.2, 0.3]],
         };
