@@ -8,7 +8,7 @@ use crate::gradient::{CELL, CellRow, ORIENTATIONS};
 use crate::image::Image;
 use crate::integral::{self, Builder, Entry, Integral};
 
-/// Difference images beside the grey one: tolerant to the last frame, tolerant and plain to the oldest of the ring.
+/// Difference images beside the grey one: tolerant to a frame far back, tolerant and plain to that of the oldest slice.
 pub const DIFFERENCES: usize = 3;
 
 /// Channel of the gradient magnitude in the first table.

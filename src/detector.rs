@@ -20,6 +20,9 @@ pub const MAX_DETECTIONS: usize = 64;
 /// Most windows of one level that the scan hands on: the best ones.
 pub const MAX_CANDIDATES: usize = 256;
 
+/// Most detections of a frame that are looked at again, the surest ones.
+const MAX_REFINED: usize = 10;
+
 /// Overlap (IoU, Q8) above which the weaker of two windows of the scan goes.
 const CANDIDATE_OVERLAP: u8 = 128;
 
@@ -295,7 +298,7 @@ impl<'m, 'b> Detector<'m, 'b> {
         detections.dropped +=
             nms::suppress(&mut found, |j| j.detection.rect, DETECTION_OVERLAP, MAX_DETECTIONS);
         observer(Stage::Cubes);
-        for judged in &mut found {
+        for judged in found.iter_mut().take(MAX_REFINED) {
             judge.refine(judged, &mut cube);
         }
         found.retain(|judged| judged.detection.score >= config.threshold);

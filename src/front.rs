@@ -11,6 +11,13 @@ use crate::motion::Slices;
 use crate::registration::{Motion, Registration};
 use crate::warp;
 
+/// Frames back to which differences are taken: far back for what moves slowly against the background, and to the oldest
+/// slice of a cube for what moves fast.
+const LAGS: [usize; 2] = [10, SLICES - 1];
+
+/// Frames kept: the newest and as many before it as the longest lag.
+pub const KEPT: usize = LAGS[0] + 1;
+
 /// Which parts of the front end are on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Parts {
@@ -29,10 +36,12 @@ pub struct FrontEnd {
     geometry: Geometry,
     registration: Registration,
     /// Motion from the frame k ago to the one before it.
-    motions: [Motion; SLICES - 1],
-    /// Frames seen, at most [`SLICES`].
+    motions: [Motion; KEPT - 1],
+    /// Frames seen, at most [`KEPT`].
     seen: usize,
-    /// Place of the newest frame in the rings.
+    /// Place of the newest frame in the ring of frames.
+    place: usize,
+    /// Place of the newest frame's tables in the rings of the levels.
     slot: usize,
 }
 
@@ -54,15 +63,16 @@ impl FrontEnd {
             parts,
             geometry,
             registration: Registration::new(width, height),
-            motions: [Motion::IDENTITY; SLICES - 1],
+            motions: [Motion::IDENTITY; KEPT - 1],
             seen: 0,
+            place: 0,
             slot: 0,
         }
     }
 
     /// Bytes of memory.
     pub const fn bytes_len(width: usize, height: usize, geometry: &Geometry) -> usize {
-        (SLICES + 1 + DIFFERENCES) * width * height
+        (KEPT + 1 + DIFFERENCES) * width * height
             + Registration::buffer_len(width, height)
             + geometry.bytes_len()
     }
@@ -74,7 +84,7 @@ impl FrontEnd {
 
     fn divide<'a>(&self, bytes: &'a mut [u8]) -> Divided<'a> {
         let pixels = self.width * self.height;
-        let (frames, rest) = bytes.split_at_mut(SLICES * pixels);
+        let (frames, rest) = bytes.split_at_mut(KEPT * pixels);
         let (warped, rest) = rest.split_at_mut(pixels);
         let (differences, rest) = rest.split_at_mut(DIFFERENCES * pixels);
         let (registration, levels) =
@@ -82,10 +92,15 @@ impl FrontEnd {
         Divided { frames, warped, differences, registration, levels }
     }
 
-    /// Place in the rings of the frame `age` frames ago; the oldest one seen stands for those before it.
+    /// Place in the rings of the levels of the frame `age` frames ago; the oldest one seen stands for those before it.
     fn slot(&self, age: usize) -> usize {
         let age = age.min(self.seen.saturating_sub(1));
         (self.slot + SLICES - age) % SLICES
+    }
+
+    /// Place in the ring of frames of the frame `age` frames ago.
+    fn place(&self, age: usize) -> usize {
+        (self.place + KEPT - age) % KEPT
     }
 
     /// Whether the background's motion to the frame before could be measured.
@@ -99,15 +114,16 @@ impl FrontEnd {
         let (width, height) = (self.width, self.height);
         let pixels = width * height;
         self.slot = (self.slot + 1) % SLICES;
-        self.seen = (self.seen + 1).min(SLICES);
+        self.place = (self.place + 1) % KEPT;
+        self.seen = (self.seen + 1).min(KEPT);
         let Divided { frames, registration, .. } = self.divide(bytes);
-        let newest = &mut frames[self.slot * pixels..(self.slot + 1) * pixels];
+        let newest = &mut frames[self.place * pixels..(self.place + 1) * pixels];
         for y in 0..height {
             newest[y * width..(y + 1) * width].copy_from_slice(frame.row(y));
         }
         if self.parts.registration {
             let motion = self.registration.register(frame, registration);
-            self.motions.copy_within(..SLICES - 2, 1);
+            self.motions.copy_within(..KEPT - 2, 1);
             self.motions[0] = motion;
         }
     }
@@ -123,10 +139,11 @@ impl FrontEnd {
             Image::packed(pixels, width, height).expect("buffers are made for the frame's size")
         };
         if self.parts.temporal && self.seen > 1 {
-            let (to_last, rest) = differences.split_at_mut(pixels);
-            let (to_oldest, plain) = rest.split_at_mut(pixels);
-            for (age, out) in [(1, to_last), (self.seen - 1, to_oldest)] {
-                let older = &frames[self.slot(age) * pixels..][..pixels];
+            let (far, rest) = differences.split_at_mut(pixels);
+            let (near, plain) = rest.split_at_mut(pixels);
+            for (lag, out) in LAGS.into_iter().zip([far, near]) {
+                let age = lag.min(self.seen - 1);
+                let older = &frames[self.place(age) * pixels..][..pixels];
                 warp::warp(picture(older), frame, &self.motions[..age], warped);
                 warp::temporal_difference(frame, warped, out);
             }
@@ -171,7 +188,7 @@ impl FrontEnd {
         Slices {
             tables: core::array::from_fn(|age| level.table(self.slot(age))),
             newest: level.newest(),
-            motions: self.motions,
+            motions: core::array::from_fn(|age| self.motions[age]),
             scale: level.level.scale,
         }
     }

@@ -94,6 +94,18 @@ pub enum Error {
         /// What was asked for.
         names: Vec<String>,
     },
+    /// A folder that holds detections of none of the clips.
+    #[error("{}: no CLIP.txt in it for any clip of the split; give the folder with its detections", path.display())]
+    NoDetections {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// Two methods of one name.
+    #[error("--external {name}: two methods of this name; take another name for one of them")]
+    SameName {
+        /// The name.
+        name: String,
+    },
     /// Ctrl-C cannot be watched.
     #[error("cannot watch for Ctrl-C: {reason}")]
     Interrupt {

@@ -1,26 +1,25 @@
-//! `lookout eval`: accuracy on a folder of clips. `lookout score`: the same for detections that are there already.
+//! `lookout eval`: accuracy on a folder of clips, with a report if wanted. `lookout score`: the same for detections that are there already.
 
 use super::clips::{self, Clip, TruthBox};
 use super::detections::{self, TextFile};
 use super::error::Error;
 use super::interrupt::{self, Ended};
+use super::parallel;
 use super::pipeline::{self, DetectorArgs, ModelFile};
 use super::replay::print_line;
+use super::report::{self, IOUS, Plan, ReportArgs, Seen};
 use super::score::{self, Found, Report, Scorer, WARMUP};
-use super::source;
+use super::source::{self, Frame, FrameSource, SourceError};
 use crate::detector::Detections;
 use crate::model::Model;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::boxed::Box;
+use std::cell::Cell;
+use std::path::PathBuf;
 use std::string::String;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 use std::vec::Vec;
-use std::{eprintln, format, fs, thread};
-
-/// Intersections over union by which detections are judged.
-const IOUS: [f64; 2] = [0.5, 0.3];
+use std::{eprintln, format, fs};
 
 /// Which clips.
 #[derive(Debug, Clone, clap::Args)]
@@ -59,6 +58,8 @@ pub struct EvalArgs {
     /// Write CLIP.txt (MOTChallenge) for every clip into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArgs,
     /// Clips to work on at a time; 0: one a processor core
     #[arg(long, value_name = "N", default_value_t = 0)]
     jobs: usize,
@@ -79,6 +80,8 @@ pub struct ScoreArgs {
 struct ClipResult {
     found: Vec<Found>,
     scan: ScanCounts,
+    /// What a report needs beside.
+    seen: Option<Seen>,
 }
 
 /// What the scan did, summed over frames.
@@ -165,9 +168,10 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
     if let Some(out) = &args.out {
         fs::create_dir_all(out).map_err(Error::write(out))?;
     }
+    let plan = Plan::new(&args.report, &args.split.data, &clips)?;
     interrupt::watch()?;
-    let results = on_all_clips(&clips, args.jobs, &|clip| run_clip(clip, args, &model))?;
-    let Some(results) = results else {
+    let work = |index: usize, clip: &Clip| run_clip(index, clip, args, plan.as_ref(), &model);
+    let Some(results) = parallel::clips(&clips, args.jobs, &work)? else {
         eprintln!(
             "lookout: interrupted; the files of the clips done so far are complete, no figures"
         );
@@ -176,6 +180,10 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
     let mut counts = ScanCounts::default();
     results.iter().for_each(|result| counts.add(&result.scan));
     print(&reports(&clips, &results), Some(counts.into()), args.split.json)?;
+    if let Some(plan) = plan {
+        let runs = results.into_iter().filter_map(|r| Some((r.found, r.seen?))).collect();
+        return plan.write(&args.split.data, &clips, runs, args.jobs);
+    }
     Ok(Ended::Complete)
 }
 
@@ -184,14 +192,9 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
 /// # Errors
 /// [`Error`] naming the file and the line.
 pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
-    if !args.detections.is_dir() {
-        let source = fs::read_dir(&args.detections)
-            .err()
-            .unwrap_or(std::io::ErrorKind::NotADirectory.into());
-        return Err(Error::Read { path: args.detections.clone(), source });
-    }
+    report::readable(&args.detections)?;
     let score = |clip: &Clip| {
-        let path = detections_path(&args.detections, clip);
+        let path = report::path_of(&args.detections, clip);
         let found = if path.exists() { detections::read_mot(&path)? } else { Vec::new() };
         Ok(ClipResult { found, ..ClipResult::default() })
     };
@@ -201,67 +204,53 @@ pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     Ok(Ended::Complete)
 }
 
-fn detections_path(folder: &Path, clip: &Clip) -> PathBuf {
-    folder.join(format!("{}.txt", clip.name))
-}
-
-fn run_clip(clip: &Clip, args: &EvalArgs, model: &Model<'_>) -> Result<ClipResult, Error> {
+fn run_clip(
+    index: usize,
+    clip: &Clip,
+    args: &EvalArgs,
+    plan: Option<&Plan>,
+    model: &Model<'_>,
+) -> Result<ClipResult, Error> {
     let input = format!("{}", clip.input.display());
     let mut result = ClipResult::default();
-    let mut source = source::open(&input)?;
-    let path = args.out.as_deref().map(|out| detections_path(out, clip));
+    let delivered = Cell::new(Instant::now());
+    let mut source = Stamped { source: source::open(&input)?, delivered: &delivered };
+    let path = args.out.as_deref().map(|out| report::path_of(out, clip));
     let mut file = path.as_deref().map(TextFile::create).transpose()?;
-    pipeline::run(&input, source.as_mut(), model, &args.detector, &mut |number, _, detections| {
+    let mut watch = plan.map(|plan| plan.watch(clip, index));
+    let mut each = |number, frame: &Frame, detections: &Detections| {
+        let time_ms = delivered.get().elapsed().as_secs_f64() * 1e3;
         result.scan.add_frame(detections);
         if number > WARMUP {
             result.scan.add_targets(clip.ground_truth.frame(number), detections);
         }
+        let first = result.found.len();
         result.found.extend(detections::found(number, detections));
+        if let Some(watch) = &mut watch {
+            watch.frame(number, frame, &result.found[first..], time_ms);
+        }
         match &mut file {
             Some(file) => file.write(&detections::mot_lines(number, detections)),
             None => Ok(()),
         }
-    })?;
+    };
+    pipeline::run(&input, &mut source, model, &args.detector, &mut each)?;
+    result.seen = watch.map(report::Watch::finish);
     Ok(result)
 }
 
-/// The results of all clips in their order; none after Ctrl-C.
-fn on_all_clips(
-    clips: &[Clip],
-    jobs: usize,
-    work: &(dyn Fn(&Clip) -> Result<ClipResult, Error> + Sync),
-) -> Result<Option<Vec<ClipResult>>, Error> {
-    let cores = thread::available_parallelism().map_or(1, |n| n.get());
-    let jobs = if jobs == 0 { cores } else { jobs }.min(clips.len());
-    let next = AtomicUsize::new(0);
-    let failed = AtomicBool::new(false);
-    let results = Mutex::new(Vec::new());
-    let style = ProgressStyle::with_template("{wide_bar} {pos}/{len} clips, {eta} left {msg}")
-        .expect("the template is constant");
-    let bar = ProgressBar::new(clips.len() as u64).with_style(style);
-    let worker = || {
-        while !failed.load(Ordering::Relaxed) && !interrupt::requested() {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(clip) = clips.get(index) else { break };
-            let result = work(clip);
-            failed.fetch_or(result.is_err(), Ordering::Relaxed);
-            results.lock().unwrap_or_else(PoisonError::into_inner).push((index, result));
-            bar.inc(1);
-        }
-    };
-    thread::scope(|scope| {
-        // Clips side by side: each detector keeps to one thread.
-        let workers: Vec<_> =
-            (0..jobs).map(|_| scope.spawn(|| pipeline::on_threads(1, worker))).collect();
-        workers
-            .into_iter()
-            .try_for_each(|w| w.join().unwrap_or_else(|p| std::panic::resume_unwind(p)))
-    })?;
-    bar.finish_and_clear();
-    let mut results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
-    results.sort_by_key(|r| r.0);
-    let results = results.into_iter().map(|r| r.1).collect::<Result<Vec<_>, Error>>()?;
-    Ok((!interrupt::requested()).then_some(results))
+/// A source that tells when it delivered its last frame: what comes after is the detector's time.
+struct Stamped<'a> {
+    source: Box<dyn FrameSource>,
+    delivered: &'a Cell<Instant>,
+}
+
+impl FrameSource for Stamped<'_> {
+    fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
+        let more = self.source.next_frame(frame);
+        self.delivered.set(Instant::now());
+        more
+    }
 }
 
 fn reports(clips: &[Clip], results: &[ClipResult]) -> [Report; IOUS.len()] {

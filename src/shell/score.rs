@@ -1,43 +1,20 @@
-//! Accuracy of detections on clips with ground truth, by the rules of the project's independent scorer.
-//!
-//! Within a frame the surest detection chooses first: it takes the free target with the largest intersection over union, if that
-//! reaches the threshold. Birds, targets cut by the frame's edge and targets too small are ignored: a detection with half of its area
-//! on one counts neither way. All clips together give one precision-recall curve (all-point interpolation).
+//! Accuracy of judged clips: all clips together give one precision-recall curve (all-point interpolation), by the rules of the
+//! project's independent scorer.
 
-use super::clips::{GroundTruth, TruthBox};
+pub use super::judge::{Box4, Found, WARMUP, must_be_found};
+
+use super::clips::GroundTruth;
+use super::judge::{self, CLASSES, Judged, SIZES, Verdict, class, size};
+use super::ranking::{ClipCount, Outcome, Ranking};
 use serde::ser::{Serialize, SerializeMap, Serializer};
-use std::cmp::Ordering;
-use std::collections::BTreeMap;
 use std::fmt;
 use std::string::String;
 use std::vec::Vec;
 use std::{format, vec};
 
-/// A box in pixels: left, top, width, height.
-pub type Box4 = [f64; 4];
-
-/// A detection as written to a file.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
-    /// The frame, from 1.
-    pub frame: u64,
-    /// Where it is.
-    pub rect: Box4,
-    /// Larger is surer.
-    pub score: f64,
-}
-
-/// Frames at the start of a clip that are left out by default: the st-cube is not full yet.
-pub const WARMUP: u64 = 3;
-
-/// Shortest longer side in pixels of a target that must be found.
-const MIN_TARGET: f64 = 8.0;
-const BIRD: u32 = 4;
 const PRECISIONS: [f64; 3] = [0.5, 0.9, 0.95];
-const FALSE_ALARMS: [u64; 3] = [1, 10, 100];
-/// Lower bounds of the classes of size, pixels of the longer side.
-const SIZES: [f64; 5] = [MIN_TARGET, 16.0, 24.0, 40.0, 70.0];
-const CLASSES: [(u32, &str); 3] = [(1, "drone"), (2, "airplane"), (3, "helicopter")];
+/// False alarms in 1000 frames at which recall is told.
+pub const FALSE_ALARMS: [u64; 3] = [1, 10, 100];
 
 /// How many targets there were, and how many of them were found.
 #[derive(Debug, Clone, Copy, Default)]
@@ -51,9 +28,8 @@ struct Tally {
 pub struct Scorer {
     iou: f64,
     warmup: u64,
-    frames: u64,
-    /// Score of every detection that counts, and whether it is a target, in the order of clips, frames and scores.
-    outcomes: Vec<(f64, bool)>,
+    clips: Vec<ClipCount>,
+    outcomes: Vec<Outcome>,
     sizes: [Tally; SIZES.len()],
     classes: [Tally; CLASSES.len()],
 }
@@ -64,179 +40,71 @@ impl Scorer {
         Self {
             iou,
             warmup,
-            frames: 0,
+            clips: Vec::new(),
             outcomes: Vec::new(),
             sizes: Default::default(),
             classes: Default::default(),
         }
     }
 
-    /// Adds a clip. The result depends on the order of clips only where scores are equal.
+    /// Judges a clip and adds it. The result depends on the order of clips only where scores are equal.
     pub fn add_clip(&mut self, truth: &GroundTruth, found: &[Found]) {
-        let mut frames: BTreeMap<u64, Vec<&Found>> = BTreeMap::new();
-        for detection in found {
-            frames.entry(detection.frame).or_default().push(detection);
-        }
-        let last_found = frames.keys().next_back().copied().unwrap_or(0);
-        let last = truth.last_frame().max(last_found);
-        self.frames += last.saturating_sub(self.warmup);
-        for frame in self.warmup + 1..=truth.last_frame() {
-            frames.entry(frame).or_default();
-        }
-        let warmup = self.warmup;
-        for (frame, mut found) in frames.into_iter().filter(|f| f.0 > warmup) {
-            found.sort_by(|a, b| surest_first(b.score, a.score));
-            self.add_frame(truth.frame(frame), &found);
-        }
+        self.add_judged(&judge::judge(truth, found, self.iou, self.warmup));
     }
 
-    fn add_frame(&mut self, targets: &[TruthBox], found: &[&Found]) {
-        let (mut free, ignored): (Vec<&TruthBox>, Vec<&TruthBox>) =
-            targets.iter().partition(|t| must_be_found(t));
-        for target in &free {
-            self.size(target).targets += 1;
-            self.class(target).targets += 1;
+    /// Adds a clip that was judged at the same intersection over union.
+    pub fn add_judged(&mut self, judged: &Judged) {
+        let clip = self.clips.len();
+        self.clips.push(ClipCount { frames: judged.frames, targets: judged.targets.len() });
+        for target in &judged.targets {
+            self.sizes[size(&target.truth)].targets += 1;
+            self.classes[class(&target.truth)].targets += 1;
         }
-        for detection in found {
-            let mut best = None;
-            let mut best_iou = self.iou;
-            for (index, target) in free.iter().enumerate() {
-                let shared = intersection(&detection.rect, &rect(target));
-                let union = area(&detection.rect) + area(&rect(target)) - shared;
-                let iou = if shared > 0.0 { shared / union } else { 0.0 };
-                // The later one of equals, as the independent scorer has it.
-                if iou >= best_iou {
-                    (best, best_iou) = (Some(index), iou);
-                }
+        for detection in &judged.detections {
+            if let Verdict::Target(index) = detection.verdict {
+                let target = &judged.targets[index].truth;
+                self.sizes[size(target)].found += 1;
+                self.classes[class(target)].found += 1;
             }
-            if let Some(index) = best {
-                let target = free.remove(index);
-                self.size(target).found += 1;
-                self.class(target).found += 1;
-                self.outcomes.push((detection.score, true));
-            } else if !ignored.iter().any(|t| half_inside(&detection.rect, &rect(t))) {
-                self.outcomes.push((detection.score, false));
-            }
+            self.outcomes.extend(detection.outcome(clip));
         }
     }
 
-    fn size(&mut self, target: &TruthBox) -> &mut Tally {
-        let side = target.width.max(target.height);
-        &mut self.sizes[SIZES.iter().rposition(|&s| s <= side).unwrap_or(0)]
-    }
-
-    fn class(&mut self, target: &TruthBox) -> &mut Tally {
-        &mut self.classes[CLASSES.iter().position(|c| c.0 == target.class).unwrap_or(0)]
+    /// Every detection that counts, in the order of its score.
+    pub fn ranking(self) -> Ranking {
+        Ranking::new(self.clips, self.outcomes)
     }
 
     /// The figures of all clips together.
-    pub fn report(mut self) -> Report {
-        let positives: usize = self.sizes.iter().map(|s| s.targets).sum();
-        self.outcomes.sort_by(|a, b| surest_first(b.0, a.0));
-        let curve = curve(&self.outcomes, positives);
+    pub fn report(self) -> Report {
+        let (iou, sizes, classes) = (self.iou, self.sizes, self.classes);
+        let ranking = self.ranking();
+        let all = ranking.whole();
+        let curve = ranking.curve(&all);
         let share = |name: String, tally: &Tally| Share {
             name,
             recall: (tally.targets > 0).then(|| tally.found as f64 / tally.targets as f64),
             targets: tally.targets,
         };
-        let size_name = |i: usize| match SIZES.get(i + 1) {
-            Some(next) => format!("{}-{next}", SIZES[i]),
-            None => format!("{}-", SIZES[i]),
-        };
         Report {
-            average_precision: average_precision(&curve),
-            iou: self.iou,
-            frames: self.frames,
-            positives,
-            detections: self.outcomes.len(),
-            recall_at_precision: PRECISIONS
-                .map(|p| curve.iter().filter(|c| c.1 >= p).map(|c| c.0).fold(0.0, f64::max)),
-            recall_at_false_alarms: FALSE_ALARMS
-                .map(|n| recall_at(&self.outcomes, positives, n * self.frames)),
-            by_size: self.sizes.iter().enumerate().map(|(i, t)| share(size_name(i), t)).collect(),
+            average_precision: ranking.average_precision(&all),
+            iou,
+            frames: ranking.clips().iter().map(|clip| clip.frames).sum(),
+            positives: sizes.iter().map(|tally| tally.targets).sum(),
+            detections: ranking.outcomes().len(),
+            recall_at_precision: PRECISIONS.map(|p| {
+                curve.iter().filter(|c| c.precision >= p).map(|c| c.recall).fold(0.0, f64::max)
+            }),
+            recall_at_false_alarms: FALSE_ALARMS.map(|n| ranking.recall_at(&all, n)),
+            by_size: sizes.iter().enumerate().map(|(i, t)| share(judge::size_name(i), t)).collect(),
             by_class: CLASSES
                 .iter()
-                .zip(&self.classes)
+                .zip(&classes)
                 .filter(|(_, tally)| tally.targets > 0)
                 .map(|((_, name), tally)| share((*name).into(), tally))
                 .collect(),
         }
     }
-}
-
-/// Whether a target must be found; the others are ignored.
-pub fn must_be_found(target: &TruthBox) -> bool {
-    target.class != BIRD
-        && target.visibility >= 1.0
-        && target.width.max(target.height) >= MIN_TARGET
-}
-
-/// Read scores are finite; equal ones keep their order.
-fn surest_first(b: f64, a: f64) -> Ordering {
-    b.partial_cmp(&a).unwrap_or(Ordering::Equal)
-}
-
-fn rect(target: &TruthBox) -> Box4 {
-    [target.left, target.top, target.width, target.height]
-}
-
-fn area(rect: &Box4) -> f64 {
-    rect[2] * rect[3]
-}
-
-fn intersection(a: &Box4, b: &Box4) -> f64 {
-    let span = |i: usize| (a[i] + a[i + 2]).min(b[i] + b[i + 2]) - a[i].max(b[i]);
-    span(0).max(0.0) * span(1).max(0.0)
-}
-
-fn half_inside(detection: &Box4, ignored: &Box4) -> bool {
-    let shared = intersection(detection, ignored);
-    shared > 0.0 && shared / area(detection) >= 0.5
-}
-
-/// Recall and precision at each score that occurs; `outcomes` are sorted, surest first.
-fn curve(outcomes: &[(f64, bool)], positives: usize) -> Vec<(f64, f64)> {
-    let mut right = 0;
-    let mut seen = 0;
-    outcomes
-        .chunk_by(|a, b| a.0 == b.0)
-        .map(|equals| {
-            right += equals.iter().filter(|o| o.1).count();
-            seen += equals.len();
-            (right as f64 / positives.max(1) as f64, right as f64 / seen as f64)
-        })
-        .collect()
-}
-
-/// Area under the curve whose precision is the best at that recall or more.
-fn average_precision(curve: &[(f64, f64)]) -> f64 {
-    let mut envelope = curve.to_vec();
-    for i in (1..envelope.len()).rev() {
-        envelope[i - 1].1 = envelope[i - 1].1.max(envelope[i].1);
-    }
-    let mut last = 0.0;
-    envelope.iter().fold(0.0, |sum, &(recall, precision)| {
-        let step = recall - last;
-        last = recall;
-        sum + step * precision
-    })
-}
-
-/// Recall down to the last detection before there are more than `thousandths` / 1000 false alarms.
-fn recall_at(outcomes: &[(f64, bool)], positives: usize, thousandths: u64) -> f64 {
-    let mut right = 0;
-    let mut wrong = 0;
-    for &(_, hit) in outcomes {
-        if hit {
-            right += 1;
-        } else {
-            wrong += 1;
-        }
-        if wrong * 1000 > thousandths {
-            break;
-        }
-    }
-    right as f64 / positives.max(1) as f64
 }
 
 /// Share of targets of one kind that were found at any score.

@@ -4,7 +4,7 @@ use super::look::Look;
 use super::random::Random;
 use crate::cube::SLICES;
 use crate::detector::Config;
-use crate::front::FrontEnd;
+use crate::front::{FrontEnd, KEPT};
 use crate::levels::Pyramid;
 use crate::shell::clips::{self, GroundTruth, TruthBox};
 use crate::shell::error::Error;
@@ -15,8 +15,8 @@ use std::path::PathBuf;
 use std::string::ToString;
 use std::vec::Vec;
 
-/// Frames before a sampled one that its cubes depend on: those of the oldest slice and of its temporal difference.
-const HISTORY: usize = 2 * (SLICES - 1);
+/// Frames before a sampled one that its cubes depend on: those of the oldest slice and of its temporal differences.
+const HISTORY: usize = SLICES - 1 + KEPT - 1;
 
 /// Sampled frames in a row that are shown with the same look.
 const SEGMENT: usize = 6;
@@ -158,7 +158,8 @@ pub fn visit<T: Send>(
             let mut last = 0;
             let mut picture = Frame::default();
             for &frame in frames {
-                let history = if selection.depth == Depth::Cube { HISTORY } else { SLICES - 1 };
+                let slices = if selection.depth == Depth::Cube { SLICES } else { 1 };
+                let history = slices - 1 + KEPT - 1;
                 let start = frame.saturating_sub(history).max(1);
                 if last == 0 || start > last + 1 {
                     front = config.front();
@@ -167,7 +168,8 @@ pub fn visit<T: Send>(
                 for number in last + 1..=frame {
                     look.apply(&clip.frames[number - 1], &mut picture);
                     front.take(picture.view(), bytes);
-                    if selection.depth == Depth::Newest && number < frame {
+                    // Older frames are only there to be compared with.
+                    if number + slices <= frame {
                         continue;
                     }
                     front.build(picture.view(), bytes, &mut || {});

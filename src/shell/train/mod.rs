@@ -11,7 +11,7 @@ mod footage;
 mod labels;
 mod look;
 mod pool;
-mod random;
+pub(in crate::shell) mod random;
 mod report;
 mod stages;
 mod windows;
@@ -46,7 +46,7 @@ pub struct TrainArgs {
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Frames to learn from, in each folder
-    #[arg(long, default_value_t = 3500)]
+    #[arg(long, default_value_t = 1800)]
     pub samples: usize,
     /// Every how many clips one is held back to decide when to stop; 0: none
     #[arg(long, default_value_t = 8)]
@@ -61,16 +61,16 @@ pub struct TrainArgs {
     #[arg(long, default_value_t = 3)]
     pub scan_depth: u8,
     /// Share of the held-back targets that the scan's rejection thresholds keep
-    #[arg(long, default_value_t = 0.97)]
+    #[arg(long, default_value_t = 0.95)]
     pub scan_keep: f64,
     /// Rounds of hard-negative mining for the scan
     #[arg(long, default_value_t = 3)]
     pub mining: usize,
     /// Trees of each regressor, at most
-    #[arg(long, default_value_t = 120)]
+    #[arg(long, default_value_t = 200)]
     pub regressor_trees: usize,
     /// Trees of the classifier of cubes, at most
-    #[arg(long, default_value_t = 600)]
+    #[arg(long, default_value_t = 800)]
     pub cube_trees: usize,
     /// Depth of the classifier's trees
     #[arg(long, default_value_t = 4)]

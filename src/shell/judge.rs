@@ -1,0 +1,210 @@
+//! What detections on a clip with ground truth are: targets found, false alarms or neither, by the rules of the project's independent
+//! scorer.
+//!
+//! Within a frame the surest detection chooses first: it takes the free target with the largest intersection over union, if that
+//! reaches the threshold. Birds, targets cut by the frame's edge and targets too small are ignored: a detection with half of its area
+//! on one counts neither way.
+
+use super::clips::{GroundTruth, TruthBox};
+use super::ranking::{Outcome, surest_first};
+use std::collections::BTreeMap;
+use std::format;
+use std::string::String;
+use std::vec::Vec;
+
+/// A box in pixels: left, top, width, height.
+pub type Box4 = [f64; 4];
+
+/// A detection as written to a file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// The frame, from 1.
+    pub frame: u64,
+    /// Where it is.
+    pub rect: Box4,
+    /// Larger is surer.
+    pub score: f64,
+}
+
+/// Frames at the start of a clip that are left out by default: the st-cube is not full yet.
+pub const WARMUP: u64 = 3;
+
+/// Shortest longer side in pixels of a target that must be found.
+const MIN_TARGET: f64 = 8.0;
+/// The class that must not be reported.
+pub const BIRD: u32 = 4;
+/// Lower bounds of the classes of size, pixels of the longer side.
+pub const SIZES: [f64; 5] = [MIN_TARGET, 16.0, 24.0, 40.0, 70.0];
+/// Classes of targets, numbers and names.
+pub const CLASSES: [(u32, &str); 3] = [(1, "drone"), (2, "airplane"), (3, "helicopter")];
+
+/// What a detection is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// It found the target of this index.
+    Target(usize),
+    /// A false alarm.
+    Alarm,
+    /// It lies on something that counts neither way.
+    Ignored {
+        /// Whether that is a bird.
+        bird: bool,
+    },
+}
+
+/// A detection and what it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JudgedDetection {
+    /// Its place in the list that was judged.
+    pub index: usize,
+    /// Its score.
+    pub score: f64,
+    /// What it is.
+    pub verdict: Verdict,
+}
+
+impl JudgedDetection {
+    /// What it adds to the precision-recall curve, if it counts; `clip` is the clip's number.
+    pub fn outcome(&self, clip: usize) -> Option<Outcome> {
+        let hit = match self.verdict {
+            Verdict::Target(_) => true,
+            Verdict::Alarm => false,
+            Verdict::Ignored { .. } => return None,
+        };
+        Some(Outcome { score: self.score, hit, clip })
+    }
+}
+
+/// A target that must be found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Target {
+    /// The frame, from 1.
+    pub frame: u64,
+    /// The labelled object.
+    pub truth: TruthBox,
+}
+
+/// What the detections of a clip are.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Judged {
+    /// Frames judged.
+    pub frames: u64,
+    /// Targets that must be found, in the order of frames and of the ground truth.
+    pub targets: Vec<Target>,
+    /// Boxes on birds.
+    pub birds: usize,
+    /// Detections in the order of frames, surest first.
+    pub detections: Vec<JudgedDetection>,
+}
+
+/// Judges the detections of a clip, its first `warmup` frames left out. A detection is right when its intersection over union with a
+/// target is at least `iou`.
+pub fn judge(truth: &GroundTruth, found: &[Found], iou: f64, warmup: u64) -> Judged {
+    let mut frames: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
+    for (index, detection) in found.iter().enumerate() {
+        frames.entry(detection.frame).or_default().push(index);
+    }
+    let last_found = frames.keys().next_back().copied().unwrap_or(0);
+    let last = truth.last_frame().max(last_found);
+    for frame in warmup + 1..=truth.last_frame() {
+        frames.entry(frame).or_default();
+    }
+    let mut judged = Judged { frames: last.saturating_sub(warmup), ..Judged::default() };
+    for (frame, mut indices) in frames.into_iter().filter(|f| f.0 > warmup) {
+        indices.sort_by(|&a, &b| surest_first(found[a].score, found[b].score));
+        judged.add_frame(frame, truth.frame(frame), found, &indices, iou);
+    }
+    judged
+}
+
+impl Judged {
+    fn add_frame(
+        &mut self,
+        frame: u64,
+        truth: &[TruthBox],
+        found: &[Found],
+        indices: &[usize],
+        iou: f64,
+    ) {
+        let (targets, ignored): (Vec<&TruthBox>, Vec<&TruthBox>) =
+            truth.iter().partition(|t| must_be_found(t));
+        let first = self.targets.len();
+        self.targets.extend(targets.iter().map(|&&truth| Target { frame, truth }));
+        self.birds += truth.iter().filter(|t| t.class == BIRD).count();
+        let mut free: Vec<usize> = (first..self.targets.len()).collect();
+        for &index in indices {
+            let Found { rect: detection, score, .. } = found[index];
+            let mut best = None;
+            let mut best_iou = iou;
+            for (place, &target) in free.iter().enumerate() {
+                let target = rect(&self.targets[target].truth);
+                let shared = intersection(&detection, &target);
+                let union = area(&detection) + area(&target) - shared;
+                let iou = if shared > 0.0 { shared / union } else { 0.0 };
+                // The later one of equals, as the independent scorer has it.
+                if iou >= best_iou {
+                    (best, best_iou) = (Some(place), iou);
+                }
+            }
+            let on = |t: &&&TruthBox| half_inside(&detection, &rect(t));
+            let verdict = if let Some(place) = best {
+                Verdict::Target(free.remove(place))
+            } else if ignored.iter().any(|t| on(&t)) {
+                Verdict::Ignored { bird: ignored.iter().filter(on).any(|t| t.class == BIRD) }
+            } else {
+                Verdict::Alarm
+            };
+            self.detections.push(JudgedDetection { index, score, verdict });
+        }
+    }
+}
+
+/// Whether a target must be found; the others are ignored.
+pub fn must_be_found(target: &TruthBox) -> bool {
+    target.class != BIRD
+        && target.visibility >= 1.0
+        && target.width.max(target.height) >= MIN_TARGET
+}
+
+/// The place of a target's size in [`SIZES`].
+pub fn size(target: &TruthBox) -> usize {
+    size_of(&rect(target))
+}
+
+/// The place of a box's size in [`SIZES`]; too small ones count as the smallest.
+pub fn size_of(rect: &Box4) -> usize {
+    let side = rect[2].max(rect[3]);
+    SIZES.iter().rposition(|&s| s <= side).unwrap_or(0)
+}
+
+/// The pixels of a class of size in words.
+pub fn size_name(index: usize) -> String {
+    match SIZES.get(index + 1) {
+        Some(next) => format!("{}-{next}", SIZES[index]),
+        None => format!("{}-", SIZES[index]),
+    }
+}
+
+/// The place of a target's class in [`CLASSES`].
+pub fn class(target: &TruthBox) -> usize {
+    CLASSES.iter().position(|c| c.0 == target.class).unwrap_or(0)
+}
+
+/// Where a labelled object is.
+pub fn rect(target: &TruthBox) -> Box4 {
+    [target.left, target.top, target.width, target.height]
+}
+
+fn area(rect: &Box4) -> f64 {
+    rect[2] * rect[3]
+}
+
+fn intersection(a: &Box4, b: &Box4) -> f64 {
+    let span = |i: usize| (a[i] + a[i + 2]).min(b[i] + b[i + 2]) - a[i].max(b[i]);
+    span(0).max(0.0) * span(1).max(0.0)
+}
+
+fn half_inside(detection: &Box4, ignored: &Box4) -> bool {
+    let shared = intersection(detection, ignored);
+    shared > 0.0 && shared / area(detection) >= 0.5
+}

@@ -1,0 +1,284 @@
+//! All figures of a report, as they stand in `report.json`.
+
+use super::bootstrap::{Bootstrap, Interval, LEVEL, RESAMPLES, SEED, Sampled};
+use super::breakdown::{self, ClipTruth, Dimension, GroupFigures};
+use super::curves;
+use super::gallery::Strip;
+use super::methods::Method;
+use crate::shell::clips::Clip;
+use crate::shell::judge::{self, Judged, Verdict, WARMUP};
+use crate::shell::ranking::Ranking;
+use crate::shell::score::{self, FALSE_ALARMS, Scorer};
+use serde::Serialize;
+use std::format;
+use std::string::String;
+use std::vec::Vec;
+
+/// Intersections over union by which detections are judged.
+pub const IOUS: [f64; 2] = [0.5, 0.3];
+/// Place in [`IOUS`] of the one by which operating points, birds and the gallery are judged.
+pub const LOOSE: usize = 1;
+
+/// The report.
+#[derive(Debug, Clone, Serialize)]
+pub struct Figures {
+    /// Version of the program.
+    pub lookout: &'static str,
+    /// The split as the user named it.
+    pub data: String,
+    /// What was measured on.
+    pub flights: Flights,
+    /// How confidence intervals were made.
+    pub bootstrap: BootstrapFigures,
+    /// The figures of each method; the detector's own run is first.
+    pub methods: Vec<MethodFigures>,
+    /// Targets that the first method never found.
+    pub misses: Vec<Strip>,
+    /// Its surest false alarms.
+    pub false_alarms: Vec<Strip>,
+}
+
+/// What was measured on; the first frames of each clip are left out.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Flights {
+    /// Clips.
+    pub clips: usize,
+    /// Frames judged.
+    pub frames: u64,
+    /// Hours of flight that these frames last.
+    pub hours: f64,
+    /// Targets that must be found.
+    pub targets: usize,
+    /// Boxes on birds.
+    pub bird_boxes: usize,
+    /// Clips without a single target.
+    pub clips_without_target: usize,
+    /// Hours of these.
+    pub hours_without_target: f64,
+}
+
+/// How confidence intervals were made.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct BootstrapFigures {
+    /// What is drawn.
+    pub over: &'static str,
+    /// How often.
+    pub resamples: usize,
+    /// Seed of the draws.
+    pub seed: u64,
+    /// Share of draws inside.
+    pub level: f64,
+}
+
+/// The figures of a method.
+#[derive(Debug, Clone, Serialize)]
+pub struct MethodFigures {
+    /// Its name.
+    pub name: String,
+    /// Median time of a frame, milliseconds; none where it was not measured.
+    pub median_ms_per_frame: Option<f64>,
+    /// By intersection over union.
+    pub at_iou: Vec<AtIou>,
+    /// At certain scores, judged at IoU 0.3.
+    pub operating_points: Vec<OperatingPoint>,
+    /// By groups of targets.
+    pub breakdowns: Vec<Breakdown>,
+}
+
+/// The figures at an intersection over union.
+#[derive(Debug, Clone, Serialize)]
+pub struct AtIou {
+    /// What `lookout score` prints.
+    pub score: score::Report,
+    /// Area under the precision-recall curve.
+    #[serde(rename = "AveP")]
+    pub average_precision: Interval,
+    /// AveP of the first method less that of this one, on the same draws.
+    pub first_less_this: Option<Interval>,
+    /// Recall at 1, 10, 100 false alarms in 1000 frames.
+    pub recall_at_false_alarms_per_1000_frames: Vec<Interval>,
+    /// Recall, precision (the best at that recall or more).
+    pub precision_recall: Vec<[f64; 2]>,
+    /// False alarms in an hour, recall.
+    pub recall_at_false_alarms_per_hour: Vec<[f64; 2]>,
+}
+
+/// What a method does at a score.
+#[derive(Debug, Clone, Serialize)]
+pub struct OperatingPoint {
+    /// At most so many false alarms in 1000 frames; none: at any score.
+    pub limit_per_1000_frames: Option<u64>,
+    /// The score; none where even the surest is too many.
+    pub threshold: Option<f64>,
+    /// Share of targets found.
+    pub recall: Option<f64>,
+    /// False alarms in all.
+    pub false_alarms: usize,
+    /// False alarms in an hour.
+    pub false_alarms_per_hour: f64,
+    /// Detections on birds.
+    pub bird_detections: usize,
+    /// The same in 1000 boxes on birds.
+    pub bird_detections_per_1000_bird_boxes: Option<f64>,
+    /// False alarms in clips without a target.
+    pub false_alarms_without_target: usize,
+}
+
+/// Figures by groups of targets.
+#[derive(Debug, Clone, Serialize)]
+pub struct Breakdown {
+    /// By what.
+    pub by: &'static str,
+    /// The same with its unit.
+    pub heading: &'static str,
+    /// The groups.
+    pub groups: Vec<GroupFigures>,
+}
+
+/// The detections of a method, judged: by intersection over union and clip.
+pub type JudgedMethod = Vec<Vec<Judged>>;
+
+/// Judges a method's detections.
+pub fn judge_method(clips: &[Clip], method: &Method) -> JudgedMethod {
+    let judge = |iou| {
+        let clips = clips.iter().zip(&method.clips);
+        clips.map(|(c, d)| judge::judge(&c.ground_truth, &d.found, iou, WARMUP)).collect()
+    };
+    IOUS.map(judge).into()
+}
+
+/// What was measured on.
+pub fn flights(judged: &[Judged], truth: &[ClipTruth<'_>]) -> Flights {
+    let mut flights = Flights { clips: judged.len(), ..Flights::default() };
+    for (judged, truth) in judged.iter().zip(truth) {
+        let hours = hours(judged, truth);
+        flights.frames += judged.frames;
+        flights.hours += hours;
+        flights.targets += judged.targets.len();
+        flights.bird_boxes += judged.birds;
+        if !truth.has_target {
+            flights.clips_without_target += 1;
+            flights.hours_without_target += hours;
+        }
+    }
+    flights
+}
+
+fn hours(judged: &Judged, truth: &ClipTruth<'_>) -> f64 {
+    judged.frames as f64 / truth.facts.rate / 3600.0
+}
+
+/// How the intervals of this report are made.
+pub fn bootstrap_figures() -> BootstrapFigures {
+    BootstrapFigures { over: "clips", resamples: RESAMPLES, seed: SEED, level: LEVEL }
+}
+
+/// The figures of all methods.
+pub fn methods(
+    methods: &[Method],
+    judged: &[JudgedMethod],
+    truth: &[ClipTruth<'_>],
+) -> Vec<MethodFigures> {
+    let bootstrap = Bootstrap::new(truth.len(), RESAMPLES, SEED);
+    let dimensions = Dimension::all(truth);
+    let mut first: Vec<Sampled> = Vec::new();
+    let mut all: Vec<MethodFigures> = Vec::new();
+    for (method, judged) in methods.iter().zip(judged) {
+        let mut at_iou = Vec::new();
+        let mut loose = Ranking::default();
+        for (i, (iou, judged)) in IOUS.iter().zip(judged).enumerate() {
+            let mut scorer = Scorer::new(*iou, WARMUP);
+            judged.iter().for_each(|judged| scorer.add_judged(judged));
+            let (report, ranking) = (scorer.clone().report(), scorer.ranking());
+            let sampled = bootstrap.sample(&ranking, Ranking::average_precision);
+            let first_less_this = all.first().map(|_| first[i].less(&sampled).interval());
+            let recall = |limit: u64| {
+                bootstrap
+                    .sample(&ranking, |ranking, times| ranking.recall_at(times, limit))
+                    .interval()
+            };
+            let hours = judged.iter().zip(truth).map(|(j, t)| hours(j, t)).sum();
+            at_iou.push(AtIou {
+                score: report,
+                average_precision: sampled.interval(),
+                first_less_this,
+                recall_at_false_alarms_per_1000_frames: FALSE_ALARMS.map(recall).into(),
+                precision_recall: curves::precision_recall(&ranking),
+                recall_at_false_alarms_per_hour: curves::recall_per_hour(&ranking, hours),
+            });
+            if all.is_empty() {
+                first.push(sampled);
+            }
+            if i == LOOSE {
+                loose = ranking;
+            }
+        }
+        let threshold = loose.threshold(FALSE_ALARMS[1]);
+        let breakdown = |dimension: &Dimension| {
+            let rankings: Vec<Vec<Ranking>> =
+                judged.iter().map(|j| dimension.rankings(truth, j, &method.clips)).collect();
+            let groups = breakdown::figures(dimension, &rankings, threshold, &bootstrap);
+            Breakdown { by: dimension.name, heading: dimension.heading, groups }
+        };
+        all.push(MethodFigures {
+            name: method.name.clone(),
+            median_ms_per_frame: method.median_ms,
+            operating_points: operating_points(&loose, &judged[LOOSE], truth),
+            breakdowns: dimensions.iter().map(breakdown).collect(),
+            at_iou,
+        });
+    }
+    all
+}
+
+fn operating_points(
+    ranking: &Ranking,
+    judged: &[Judged],
+    truth: &[ClipTruth<'_>],
+) -> Vec<OperatingPoint> {
+    let flights = flights(judged, truth);
+    let limits = FALSE_ALARMS.map(Some).into_iter().chain([None]);
+    let point = |limit: Option<u64>| {
+        let threshold = match limit {
+            Some(limit) => ranking.threshold(limit),
+            None => judged
+                .iter()
+                .flat_map(|j| j.detections.iter().map(|d| d.score))
+                .min_by(f64::total_cmp),
+        };
+        let count = |clip: &Judged, wanted: fn(Verdict) -> bool| {
+            let counts = |score: f64| threshold.is_some_and(|threshold| score >= threshold);
+            clip.detections.iter().filter(|d| counts(d.score) && wanted(d.verdict)).count()
+        };
+        let all = |wanted| judged.iter().map(|clip| count(clip, wanted)).sum::<usize>();
+        let is_alarm = |v| v == Verdict::Alarm;
+        let false_alarms = all(is_alarm);
+        let found = all(|v| matches!(v, Verdict::Target(_)));
+        let bird_detections = all(|v| v == Verdict::Ignored { bird: true });
+        let without = judged.iter().zip(truth).filter(|(_, truth)| !truth.has_target);
+        OperatingPoint {
+            limit_per_1000_frames: limit,
+            threshold,
+            recall: share(found, flights.targets),
+            false_alarms,
+            false_alarms_per_hour: if flights.hours > 0.0 {
+                false_alarms as f64 / flights.hours
+            } else {
+                0.0
+            },
+            bird_detections,
+            bird_detections_per_1000_bird_boxes: share(bird_detections * 1000, flights.bird_boxes),
+            false_alarms_without_target: without.map(|(clip, _)| count(clip, is_alarm)).sum(),
+        }
+    };
+    limits.map(point).collect()
+}
+
+fn share(part: usize, whole: usize) -> Option<f64> {
+    (whole > 0).then(|| part as f64 / whole as f64)
+}
+
+/// What a limit of false alarms is called.
+pub fn limit_name(limit: Option<u64>) -> String {
+    limit.map_or("any score".into(), |limit| format!("{limit} per 1000 frames"))
+}

@@ -1,0 +1,336 @@
+//! The report as one page: style, plots and pictures inside.
+
+use super::bootstrap::{FEWEST_CLIPS, Interval};
+use super::figures::{Breakdown, Figures, IOUS, MethodFigures, limit_name};
+use super::gallery::{PER_CLIP, Strip};
+use super::plot::{self, Axis, Line, plot};
+use crate::shell::score::FALSE_ALARMS;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use std::format;
+use std::string::{String, ToString};
+use std::vec;
+use std::vec::Vec;
+
+/// The page.
+pub fn page(figures: &Figures) -> String {
+    let sections = [
+        precision(figures),
+        false_alarms(figures),
+        breakdowns(figures),
+        operating_points(figures),
+        gallery(figures),
+        method(figures),
+    ];
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width\">\
+         <title>Lookout: {data}</title><style>{}</style></head>\n<body>{}{}</body></html>\n",
+        include_str!("style.css"),
+        head(figures),
+        sections.concat(),
+        data = escape(&figures.data),
+    )
+}
+
+fn head(figures: &Figures) -> String {
+    let flights = &figures.flights;
+    format!(
+        "<h1>Lookout: detection on {}</h1>\n<p>{} clips, {} frames ({:.3} hours of flight), {} targets, {} boxes on birds. \
+         Of these clips {} ({:.3} hours) show no target at all.</p>\n<p>{}</p>\n",
+        escape(&figures.data),
+        flights.clips,
+        flights.frames,
+        flights.hours,
+        flights.targets,
+        flights.bird_boxes,
+        flights.clips_without_target,
+        flights.hours_without_target,
+        legend(figures),
+    )
+}
+
+fn legend(figures: &Figures) -> String {
+    let key = |(i, method): (usize, &MethodFigures)| {
+        let (r, g, b) = plot::colour(i);
+        let name = escape(&method.name);
+        format!("<span class=\"key\"><i style=\"background:rgb({r},{g},{b})\"></i>{name}</span>")
+    };
+    figures.methods.iter().enumerate().map(key).collect()
+}
+
+fn precision(figures: &Figures) -> String {
+    let mut heads = vec!["Method".to_string()];
+    heads.extend(IOUS.map(|iou| format!("AveP (IoU {iou})")));
+    let paired = figures.methods.len() > 1;
+    let name = figures.methods.first().map_or(String::new(), |first| escape(&first.name));
+    if paired {
+        heads.extend(IOUS.map(|iou| format!("{name} less this (IoU {iou})")));
+    }
+    heads.push("Time per frame (ms, median)".into());
+    let row = |method: &MethodFigures| {
+        let mut cells = vec![escape(&method.name)];
+        cells.extend(method.at_iou.iter().map(|at| interval(&at.average_precision)));
+        if paired {
+            cells.extend(method.at_iou.iter().map(|at| {
+                at.first_less_this.map_or("\u{2013}".into(), |difference| interval(&difference))
+            }));
+        }
+        cells.push(number(method.median_ms_per_frame, 1));
+        cells
+    };
+    let curves = (0..IOUS.len()).map(|i| {
+        let line = |m: usize, method: &MethodFigures| Line {
+            method: m,
+            points: method.at_iou[i].precision_recall.clone(),
+            joined: true,
+            bars: Vec::new(),
+        };
+        let svg = plot(&Axis::share("recall"), &Axis::share("precision"), &lines(figures, line));
+        figure(&svg, &format!("Precision and recall, IoU {}", IOUS[i]))
+    });
+    format!(
+        "<h2>Average precision</h2>\n{}<p class=\"note\">Small: {:.0} % confidence interval. Time: in this run, other clips at \
+         the same time; \u{201c}\u{2013}\u{201d}: not known.</p>\n<div class=\"plots\">{}</div>\n",
+        table(&heads, 1, figures.methods.iter().map(row)),
+        figures.bootstrap.level * 100.0,
+        curves.collect::<String>(),
+    )
+}
+
+fn false_alarms(figures: &Figures) -> String {
+    let mut heads = vec!["Method".to_string()];
+    for iou in IOUS {
+        heads.extend(FALSE_ALARMS.map(|n| format!("{n} per 1000 (IoU {iou})")));
+    }
+    let row = |method: &MethodFigures| {
+        let recalls =
+            method.at_iou.iter().flat_map(|at| &at.recall_at_false_alarms_per_1000_frames);
+        [escape(&method.name)].into_iter().chain(recalls.map(interval)).collect()
+    };
+    let curves = (0..IOUS.len()).map(|i| {
+        let hourly =
+            |method: &MethodFigures| method.at_iou[i].recall_at_false_alarms_per_hour.clone();
+        // The first decade is that of one false alarm in all.
+        let start = (1.0 / figures.flights.hours.max(1e-9)).log10().floor() as i32;
+        let most = figures.methods.iter().flat_map(hourly).map(|p| p[0]).fold(1.0, f64::max);
+        let decades = start..(most.log10().ceil() as i32).max(start + 1);
+        let line = |m: usize, method: &MethodFigures| {
+            let low = f64::from(start);
+            let place = |p: [f64; 2]| [if p[0] > 0.0 { p[0].log10().max(low) } else { low }, p[1]];
+            Line {
+                method: m,
+                joined: true,
+                points: hourly(method).into_iter().map(place).collect(),
+                bars: vec![],
+            }
+        };
+        let x = Axis::decades("false alarms per hour", decades);
+        let svg = plot(&x, &Axis::share("recall"), &lines(figures, line));
+        figure(&svg, &format!("Recall against false alarms per hour, IoU {}", IOUS[i]))
+    });
+    format!(
+        "<h2>Recall at few false alarms</h2>\n<p class=\"note\">Recall where there are at most so many false alarms in 1000 frames. \
+         In the plots, recall without any false alarm stands at the left edge.</p>\n{}<div class=\"plots\">{}</div>\n",
+        table(&heads, 1, figures.methods.iter().map(row)),
+        curves.collect::<String>(),
+    )
+}
+
+fn breakdowns(figures: &Figures) -> String {
+    let count = figures.methods.first().map_or(0, |method| method.breakdowns.len());
+    let parts: String = (0..count).map(|i| breakdown(figures, i)).collect();
+    format!(
+        "<h2>By groups of targets</h2>\n<p class=\"note\">Found and false alarms: at the method\u{2019}s score of {} false alarms in \
+         1000 frames of the whole split (IoU {}). A false alarm is in the group of its own size or contrast, or of its clip; by class \
+         all false alarms count in every row.</p>\n{parts}",
+        FALSE_ALARMS[1], IOUS[1],
+    )
+}
+
+fn breakdown(figures: &Figures, which: usize) -> String {
+    let all: Vec<&Breakdown> = figures.methods.iter().map(|m| &m.breakdowns[which]).collect();
+    let mut heads = vec!["Group".to_string(), "Method".into(), "Clips".into(), "Targets".into()];
+    heads.extend(IOUS.map(|iou| format!("AveP (IoU {iou})")));
+    heads.extend(["Found".into(), "False alarms".into()]);
+    let groups = &all[0].groups;
+    let rows = (0..groups.len()).flat_map(|g| {
+        let row = move |(m, breakdown): (usize, &&Breakdown)| {
+            let group = &breakdown.groups[g];
+            let first = if m == 0 { escape(&group.name) } else { String::new() };
+            let mut cells = vec![first, escape(&figures.methods[m].name)];
+            cells.extend([group.clips.to_string(), group.targets.to_string()]);
+            cells.extend(group.average_precision.iter().map(interval));
+            cells.extend([group.found.to_string(), group.false_alarms.to_string()]);
+            cells
+        };
+        all.iter().enumerate().map(row).collect::<Vec<_>>()
+    });
+    let names: Vec<String> = groups.iter().map(|group| group.name.clone()).collect();
+    let plots = (0..IOUS.len()).map(|i| {
+        let line = |m: usize, _: &MethodFigures| {
+            // Side by side, so that intervals do not hide each other.
+            let shift = (m as f64 - (all.len() - 1) as f64 / 2.0) * 0.5 / all.len() as f64;
+            let joined = !["kind", "class"].contains(&all[m].by);
+            let mut line = Line { method: m, joined, ..Line::default() };
+            for (g, group) in all[m].groups.iter().enumerate() {
+                let Interval { value: Some(value), low, high } = group.average_precision[i] else {
+                    continue;
+                };
+                let x = g as f64 + shift;
+                line.points.push([x, value]);
+                line.bars.push([x, low.unwrap_or(value), high.unwrap_or(value)]);
+            }
+            line
+        };
+        let svg =
+            plot(&Axis::groups(all[0].by, &names), &Axis::share("AveP"), &lines(figures, line));
+        figure(&svg, &format!("AveP by {}, IoU {}", all[0].by, IOUS[i]))
+    });
+    format!(
+        "<h3>{}</h3>\n<div class=\"plots\">{}</div>\n{}",
+        escape(all[0].heading),
+        plots.collect::<String>(),
+        table(&heads, 2, rows),
+    )
+}
+
+fn operating_points(figures: &Figures) -> String {
+    let heads = [
+        "Method",
+        "False alarms allowed",
+        "Score from",
+        "Recall",
+        "False alarms",
+        "False alarms per hour",
+        "Detections on birds",
+        "Detections on birds per 1000 bird boxes",
+        "False alarms in clips without a target",
+        "The same per hour",
+    ];
+    let rows = figures.methods.iter().flat_map(|method| {
+        method.operating_points.iter().enumerate().map(move |(i, point)| {
+            let hours = figures.flights.hours_without_target;
+            let per_hour = point.false_alarms_without_target as f64 / hours;
+            vec![
+                if i == 0 { escape(&method.name) } else { String::new() },
+                limit_name(point.limit_per_1000_frames),
+                number(point.threshold, 3),
+                number(point.recall, 3),
+                point.false_alarms.to_string(),
+                number(Some(point.false_alarms_per_hour), 0),
+                point.bird_detections.to_string(),
+                number(point.bird_detections_per_1000_bird_boxes, 1),
+                point.false_alarms_without_target.to_string(),
+                number((hours > 0.0).then_some(per_hour), 0),
+            ]
+        })
+    });
+    format!(
+        "<h2>Birds, and flight without a target</h2>\n<p class=\"note\">Judged at IoU {}. On a bird is a detection with half of its area on \
+         the bird\u{2019}s box; it is no false alarm, as in the scorer. There are {} boxes on birds, and {:.3} hours of flight \
+         ({} clips) without a target.</p>\n{}",
+        IOUS[1],
+        figures.flights.bird_boxes,
+        figures.flights.hours_without_target,
+        figures.flights.clips_without_target,
+        table(&heads.map(ToString::to_string), 2, rows),
+    )
+}
+
+fn gallery(figures: &Figures) -> String {
+    let name = figures.methods.first().map_or(String::new(), |first| escape(&first.name));
+    let strips = |strips: &[Strip]| {
+        let inside: String = strips.iter().map(strip).collect();
+        if inside.is_empty() {
+            "<p>None.</p>\n".into()
+        } else {
+            format!("<div class=\"gallery\">{inside}</div>\n")
+        }
+    };
+    format!(
+        "<h2>Worst misses of {name}</h2>\n<p class=\"note\">Targets found at no score (IoU {}), size times contrast decides; at most \
+         {PER_CLIP} of a clip. The window around the box, twice as large, in the frame (right) and the frames before it; none of them \
+         is shifted.</p>\n{}<h2>Surest false alarms of {name}</h2>\n<p class=\"note\">At most {PER_CLIP} of a clip.</p>\n{}",
+        IOUS[1],
+        strips(&figures.misses),
+        strips(&figures.false_alarms),
+    )
+}
+
+fn strip(strip: &Strip) -> String {
+    let [left, top, width, height] = strip.mark.map(|share| share * 100.0);
+    let colour = if strip.score.is_some() { "rgb(235,60,40)" } else { "rgb(60,190,80)" };
+    let what = match (strip.score, strip.class) {
+        (Some(score), _) => format!("score {score:.3}"),
+        (None, class) => class.unwrap_or("target").into(),
+    };
+    format!(
+        "<figure><div class=\"strip\"><img alt=\"\" src=\"data:image/png;base64,{}\"><b style=\"left:{left:.2}%;top:{top:.2}%;\
+         width:{width:.2}%;height:{height:.2}%;border-color:{colour}\"></b></div><figcaption>{}, frame {}: {what}, {:.0}\u{d7}{:.0} px, \
+         contrast {:.0}</figcaption></figure>\n",
+        STANDARD.encode(&strip.png),
+        escape(&strip.clip),
+        strip.frame,
+        strip.r#box[2],
+        strip.r#box[3],
+        strip.contrast,
+    )
+}
+
+fn method(figures: &Figures) -> String {
+    let bootstrap = &figures.bootstrap;
+    format!(
+        "<h2>How this was measured</h2>\n<p>The surest detection of a frame chooses first; it finds the free target with the largest \
+         intersection over union (IoU), if that reaches the threshold. Birds, targets cut by the frame\u{2019}s edge and targets under 8 px \
+         are ignored, and what lies on them with half of its area. The first 3 frames of a clip are left out. AveP is the area under the \
+         interpolated precision-recall curve of all clips together.</p>\n<p>Intervals: the middle {:.0} % of {} draws of {} with \
+         replacement (seed {}), the same draws for all methods; none where fewer \
+         than {FEWEST_CLIPS} clips have such targets. Contrast: mean absolute difference of the box\u{2019}s pixels to the mean of \
+         a ring of half the box\u{2019}s longer side around it. Hours of flight: frames by the frame rate in camera.json, else 30 a \
+         second.</p>\n<p>Made by lookout {}. The same figures stand in report.json.</p>\n",
+        bootstrap.level * 100.0,
+        bootstrap.resamples,
+        bootstrap.over,
+        bootstrap.seed,
+        figures.lookout,
+    )
+}
+
+fn lines(figures: &Figures, line: impl Fn(usize, &MethodFigures) -> Line) -> Vec<Line> {
+    figures.methods.iter().enumerate().map(|(m, method)| line(m, method)).collect()
+}
+
+fn figure(svg: &str, caption: &str) -> String {
+    format!("<figure>{svg}<figcaption>{caption}</figcaption></figure>")
+}
+
+/// A table whose first `left` columns are words; the cells are HTML.
+fn table(heads: &[String], left: usize, rows: impl Iterator<Item = Vec<String>>) -> String {
+    let cells = |cells: &[String], tag: &str| {
+        let cell = |(i, cell): (usize, &String)| {
+            let class = if i < left { " class=\"left\"" } else { "" };
+            format!("<{tag}{class}>{cell}</{tag}>")
+        };
+        format!("<tr>{}</tr>\n", cells.iter().enumerate().map(cell).collect::<String>())
+    };
+    let body: String = rows.map(|row| cells(&row, "td")).collect();
+    format!("<div class=\"scroll\"><table>{}{body}</table></div>\n", cells(heads, "th"))
+}
+
+fn interval(interval: &Interval) -> String {
+    let value = number(interval.value, 3);
+    match (interval.low, interval.high) {
+        (Some(low), Some(high)) => format!("{value} <small>{low:.3} to {high:.3}</small>"),
+        _ => value,
+    }
+}
+
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or("\u{2013}".into(), |value| format!("{value:.digits$}"))
+}
+
+/// Text as HTML.
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,144 @@
+//! The report of `lookout eval`: the detector and other methods beside each other, as one page without network and as JSON.
+
+mod bootstrap;
+mod breakdown;
+mod contrast;
+mod curves;
+mod facts;
+mod figures;
+mod gallery;
+mod html;
+mod methods;
+mod plot;
+
+pub use figures::IOUS;
+pub use methods::{External, Seen, Watch, path_of, readable};
+
+use super::clips::Clip;
+use super::error::Error;
+use super::interrupt::Ended;
+use super::judge::{BIRD, Found};
+use breakdown::ClipTruth;
+use facts::Facts;
+use figures::{Figures, LOOSE};
+use methods::{Detected, Method, OURS, median};
+use std::path::{Path, PathBuf};
+use std::vec::Vec;
+use std::{format, fs};
+
+/// What a report can be told.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ReportArgs {
+    /// Write report.html and report.json into this folder
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    /// Put the detections in FOLDER (CLIP.txt, MOTChallenge) beside the detector's in the report
+    #[arg(long, value_name = "NAME=FOLDER", requires = "report", value_parser = External::parse)]
+    external: Vec<External>,
+}
+
+/// A report that waits for our detector's run.
+#[derive(Debug)]
+pub struct Plan {
+    folder: PathBuf,
+    facts: Vec<Facts>,
+    others: Vec<Method>,
+}
+
+impl Plan {
+    /// Reads what is there before the run; none if no report is wanted.
+    ///
+    /// # Errors
+    /// [`Error`] naming the file and the line, or the folder that cannot be made.
+    pub fn new(args: &ReportArgs, data: &Path, clips: &[Clip]) -> Result<Option<Self>, Error> {
+        let Some(folder) = &args.report else { return Ok(None) };
+        let mut others: Vec<Method> = Vec::new();
+        for external in &args.external {
+            let method = Method::read(external, clips)?;
+            if others.iter().any(|other| other.name == method.name) {
+                return Err(Error::SameName { name: method.name });
+            }
+            others.push(method);
+        }
+        let facts = facts::read(data, clips)?;
+        fs::create_dir_all(folder).map_err(Error::write(folder))?;
+        Ok(Some(Self { folder: folder.clone(), facts, others }))
+    }
+
+    /// To measure on the frames of clip number `index`.
+    pub fn watch<'a>(&'a self, clip: &'a Clip, index: usize) -> Watch<'a> {
+        Watch::new(clip, index, &self.others)
+    }
+
+    /// Writes the report; `runs` is what our detector found and what was seen, by clip.
+    ///
+    /// # Errors
+    /// [`Error`]; a page that cannot be written whole is taken away.
+    pub fn write(
+        self,
+        data: &Path,
+        clips: &[Clip],
+        runs: Vec<(Vec<Found>, Seen)>,
+        jobs: usize,
+    ) -> Result<Ended, Error> {
+        let Self { folder, facts, others } = self;
+        let mut methods = with_ours(others);
+        let mut contrasts = Vec::new();
+        let mut times = Vec::new();
+        for (found, seen) in runs {
+            times.extend(seen.times_ms);
+            contrasts.push(seen.targets);
+            methods[0].clips.push(Detected { found, contrast: seen.ours });
+            let clip = methods[0].clips.len() - 1;
+            for (method, contrast) in methods[1..].iter_mut().zip(seen.others) {
+                method.clips[clip].contrast = contrast;
+            }
+        }
+        methods[0].median_ms = median(times);
+        let truth: Vec<ClipTruth<'_>> = clips
+            .iter()
+            .zip(&facts)
+            .zip(&contrasts)
+            .map(|((clip, facts), contrast)| {
+                let has_target = clip.ground_truth.boxes().any(|(_, b)| b.class != BIRD);
+                ClipTruth { facts, has_target, contrast }
+            })
+            .collect();
+        let judged: Vec<_> = methods.iter().map(|m| figures::judge_method(clips, m)).collect();
+        let ours = &judged[0][LOOSE];
+        let misses = gallery::misses(clips, ours, &truth);
+        let false_alarms = gallery::false_alarms(clips, ours, &methods[0].clips);
+        let strips = misses.into_iter().chain(false_alarms).collect();
+        let Some(strips) = gallery::cut(clips, jobs, strips)? else {
+            return Ok(Ended::Interrupted);
+        };
+        let (misses, false_alarms) = strips.into_iter().partition(|s| s.score.is_none());
+        let figures = Figures {
+            lookout: env!("CARGO_PKG_VERSION"),
+            data: format!("{}", data.display()),
+            flights: figures::flights(ours, &truth),
+            bootstrap: figures::bootstrap_figures(),
+            methods: figures::methods(&methods, &judged, &truth),
+            misses,
+            false_alarms,
+        };
+        let json = serde_json::to_string(&figures).expect("numbers and names always make JSON");
+        write(&folder.join("report.json"), &json)?;
+        write(&folder.join("report.html"), &html::page(&figures))?;
+        Ok(Ended::Complete)
+    }
+}
+
+/// Ours, still without detections, and the others.
+fn with_ours(others: Vec<Method>) -> Vec<Method> {
+    let ours = Method { name: OURS.into(), clips: Vec::new(), median_ms: None };
+    [ours].into_iter().chain(others).collect()
+}
+
+fn write(path: &Path, text: &str) -> Result<(), Error> {
+    fs::write(path, text).map_err(|source| {
+        // Half a page is of no use; the error that is told is the first one.
+        let _ = fs::remove_file(path);
+        Error::Write { path: path.into(), source }
+    })
+}
