@@ -22,11 +22,22 @@ use crate::model::{Method, Model, Section};
 use file::Parts;
 use report::Report;
 use stages::Trainer;
+use std::borrow::ToOwned;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::time::Instant;
 use std::vec::Vec;
+
+/// What the classifier of cubes minimises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CubeLoss {
+    /// exp(-y F), by Newton steps: gentle AdaBoost.
+    Adaboost,
+    /// ln(1 + exp(-y F)): scores are log-odds; outliers weigh less.
+    Logistic,
+}
 
 /// What `lookout train` can be told.
 #[derive(Debug, Clone, clap::Args, serde::Serialize)]
@@ -75,6 +86,9 @@ pub struct TrainArgs {
     /// Depth of the classifier's trees
     #[arg(long, default_value_t = 4)]
     pub cube_depth: u8,
+    /// Loss of the classifier: gentle AdaBoost as in the paper, or its logistic sister
+    #[arg(long, value_enum, default_value_t = CubeLoss::Logistic)]
+    pub cube_loss: CubeLoss,
     /// Features to choose from for cubes
     #[arg(long, default_value_t = 2500)]
     pub features: usize,

@@ -1,6 +1,5 @@
 //! The stages of training, each from the parts before it.
 
-use super::TrainArgs;
 use super::boost::{
     Booster, Data, Loss, Options, Round, Samples, TrainedForest, reject_thresholds,
 };
@@ -11,6 +10,7 @@ use super::pool;
 use super::random::Random;
 use super::report::{Report, Summary};
 use super::windows::{self, Table, Window, balanced};
+use super::{CubeLoss, TrainArgs};
 use crate::detector::Config;
 use crate::levels::Pyramid;
 use crate::model::{Model, Section};
@@ -253,6 +253,10 @@ impl<'a> Trainer<'a> {
             balanced(&targets, |r| rows[r].label != 0.0 && rows[r].held_back == held_back)
         };
         let (weights, held_back) = (weigh(false), weigh(true));
+        let loss = match self.args.cube_loss {
+            CubeLoss::Adaboost => Loss::Exponential,
+            CubeLoss::Logistic => Loss::Logistic,
+        };
         let options = Options {
             rounds: self.args.cube_trees,
             depth: self.args.cube_depth,
@@ -263,7 +267,7 @@ impl<'a> Trainer<'a> {
             row_fraction: 0.5,
             patience: 80,
             seed: self.args.seed,
-            ..Options::new(Loss::Logistic)
+            ..Options::new(loss)
         };
         let data = Data { samples: &samples, targets: &targets, weights: &weights };
         let validation = Data { weights: &held_back, ..data };
