@@ -7,6 +7,7 @@ use crate::judge::{Judge, Judged, nominal, window};
 use crate::levels::{Geometry, LevelBuffers, MAX_LEVELS, Pyramid};
 use crate::model::{Method, Model};
 use crate::nms;
+use crate::persistence::Persistence;
 use crate::scan::{Candidate, Map};
 use core::cmp::Reverse;
 use heapless::binary_heap::{BinaryHeap, Min};
@@ -52,6 +53,8 @@ pub struct Config {
     pub temporal: bool,
     /// Algorithm 1: keep the object in the middle of every slice.
     pub compensation: bool,
+    /// Weigh detections by what was there a frame ago.
+    pub persistence: bool,
     /// Judge candidates by their st-cube; without it the scan's own score stands.
     pub stcube: bool,
 }
@@ -71,6 +74,7 @@ impl Config {
             temporal: true,
             compensation: true,
             stcube: true,
+            persistence: true,
         }
     }
 
@@ -213,6 +217,7 @@ pub struct Detector<'m, 'b> {
     model: Model<'m>,
     config: Config,
     front: FrontEnd,
+    persistence: Persistence<MAX_DETECTIONS>,
     buffers: Buffers<'b>,
 }
 
@@ -242,7 +247,13 @@ impl<'m, 'b> Detector<'m, 'b> {
                 return Err(Error::BufferTooSmall { needed });
             }
         }
-        Ok(Self { model: *model, config, front: config.front(), buffers })
+        Ok(Self {
+            model: *model,
+            config,
+            front: config.front(),
+            persistence: Persistence::new(),
+            buffers,
+        })
     }
 
     /// Looks at one frame taken at `time_us` (microseconds, any epoch, rising).
@@ -266,7 +277,7 @@ impl<'m, 'b> Detector<'m, 'b> {
         if (frame.width(), frame.height()) != (self.config.width, self.config.height) {
             return Err(Error::FrameSize { width: frame.width(), height: frame.height() });
         }
-        let Self { model, config, front, buffers } = self;
+        let Self { model, config, front, persistence, buffers } = self;
         front.take(frame, buffers.bytes);
         front.build(frame, buffers.bytes, &mut || observer(Stage::Registration));
         let mut pyramid = front.pyramid(buffers.bytes, buffers.words);
@@ -300,6 +311,15 @@ impl<'m, 'b> Detector<'m, 'b> {
         observer(Stage::Cubes);
         for judged in found.iter_mut().take(MAX_REFINED) {
             judge.refine(judged, &mut cube);
+        }
+        if config.persistence {
+            for Judged { detection, .. } in &mut found {
+                let Detection { rect, score, shifts } = *detection;
+                let [Shift { x, y }, ..] = shifts;
+                let before = Rect { x: rect.x + x, y: rect.y + y, ..rect };
+                (detection.rect, detection.score) = persistence.weigh(rect, score, before);
+            }
+            persistence.remember(found.iter().map(|j| (j.detection.rect, j.detection.score)));
         }
         found.retain(|judged| judged.detection.score >= config.threshold);
         found.sort_unstable_by_key(Judged::rank);

@@ -57,6 +57,7 @@
 //! | 3 | [`warp`] | an older frame seen from where the camera is now, and what differs |
 //! | 2 | [`channels`] | gradient energies and differences of a level, in tables and in the scan's map |
 //! | 2 | [`registration`] | the motion of the background from frame to frame |
+//! | 1 | [`persistence`] | what was there a frame ago makes a detection surer |
 //! | 1 | [`trees`] | boosted trees and their cascade; they know no image |
 //! | 1 | [`planar`] | a motion of the whole picture, fitted to the motion of points |
 //! | 1 | [`flow`] | corners, and where they were in another picture |
@@ -88,6 +89,7 @@ pub mod linear;
 pub mod model;
 pub mod motion;
 pub mod nms;
+pub mod persistence;
 pub mod planar;
 pub mod pyramid;
 pub mod registration;

@@ -36,6 +36,9 @@ pub struct DetectorArgs {
     /// Ablation: let the scan's own score stand
     #[arg(long)]
     pub no_stcube: bool,
+    /// Ablation: look at each frame for itself, not at what was there a frame ago
+    #[arg(long)]
+    pub no_persistence: bool,
 }
 
 impl DetectorArgs {
@@ -47,6 +50,7 @@ impl DetectorArgs {
         config.temporal &= !self.no_temporal;
         config.compensation &= !self.no_compensation;
         config.stcube &= !self.no_stcube;
+        config.persistence &= !self.no_persistence;
         config
     }
 }
@@ -217,6 +221,7 @@ mod tests {
             no_temporal: true,
             no_compensation: true,
             no_stcube: true,
+            no_persistence: true,
             ..Default::default()
         };
         let none = Config {
@@ -225,6 +230,7 @@ mod tests {
             temporal: false,
             compensation: false,
             stcube: false,
+            persistence: false,
             ..all
         };
         assert_eq!(args.config(&model, 64, 48), none);

@@ -14,7 +14,7 @@ pub const CONFIG: Config = Config { max_target: 40, candidates: 24, ..Config::ne
 pub const FRAMES: u32 = 12;
 
 /// [`digest`] of the run.
-pub const DIGEST: u32 = 0xeea3_6419;
+pub const DIGEST: u32 = 0x91ee_97d6;
 
 /// A number of 0..256 for a point of a lattice.
 fn lattice(x: u32, y: u32) -> u32 {

@@ -72,13 +72,13 @@ pub struct TrainArgs {
     #[arg(long, default_value_t = 3)]
     pub scan_depth: u8,
     /// Share of the held-back targets that the scan's rejection thresholds keep
-    #[arg(long, default_value_t = 0.95)]
+    #[arg(long, default_value_t = 0.93)]
     pub scan_keep: f64,
     /// Rounds of hard-negative mining for the scan
     #[arg(long, default_value_t = 3)]
     pub mining: usize,
     /// Trees of each regressor, at most
-    #[arg(long, default_value_t = 200)]
+    #[arg(long, default_value_t = 400)]
     pub regressor_trees: usize,
     /// Trees of the classifier of cubes, at most
     #[arg(long, default_value_t = 800)]

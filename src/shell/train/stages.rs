@@ -279,7 +279,7 @@ impl<'a> Trainer<'a> {
             .collect();
         let running = forest.running_scores(&samples, &kept).map_err(training)?;
         let bags: Vec<u32> = kept.iter().map(|&r| rows[r].target).collect();
-        forest.set_reject_thresholds(&reject_thresholds(&running, &bags, 0.995));
+        forest.set_reject_thresholds(&reject_thresholds(&running, &bags, 0.999));
         let mut forests = vec![(Section::Cube, forest)];
         for (component, section) in
             [Section::BoxX, Section::BoxY, Section::BoxWidth, Section::BoxHeight]
