@@ -21,7 +21,7 @@ pub struct DetectorArgs {
     /// Model file (default: the one shipped in this program)
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Report detections of this score or more (default: 0 in replay, else all)
+    /// Report detections of this score or more (default: -1 in replay, else all)
     #[arg(long, value_name = "SCORE", allow_negative_numbers = true, value_parser = parse_score)]
     pub threshold: Option<i32>,
     /// Ablation: do not align older frames to the newest one
