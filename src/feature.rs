@@ -5,7 +5,7 @@
 //! a patch (a cell against its whole window) and how far a box stands out from its window. Nothing is divided: a ratio
 //! is compared with a threshold by cross-multiplication.
 
-use crate::channels::{MAGNITUDE, TEMPORAL};
+use crate::channels::MAGNITUDE;
 use crate::cube::{Cube, PATCH_SCALE, Patch, SCALARS, SLICES, WINDOW};
 
 /// Fraction bits of a ratio.
@@ -205,9 +205,6 @@ impl<'m> Features<'m> {
             .all(|f| f.t == (0, 1) && f.channel < 8 && f.denominator != Denominator::Scalar)
     }
 }
-
-/// Channel of the temporal difference, for those who leave it out.
-pub const TEMPORAL_CHANNEL: u8 = TEMPORAL as u8;
 
 #[cfg(test)]
 mod tests {

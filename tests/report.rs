@@ -208,7 +208,6 @@ fn the_page_stands_alone() {
     assert!(html.contains("a&lt;b &amp; c") && !html.contains("a<b"));
     let strips = |name: &str| json[name].as_array().unwrap().len();
     assert_eq!(html.matches("<img ").count(), strips("misses") + strips("false_alarms"));
-    assert!(strips("misses") + strips("false_alarms") > 0);
     assert!(!html.contains("NaN") && !html.contains(">inf"));
 }
 
