@@ -212,6 +212,16 @@ fn the_page_stands_alone() {
 }
 
 #[test]
+fn targets_never_found_are_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, report) = (split(&folder), path(&folder, "report"));
+    // No score is as high: whatever the shipped model, every target is missed.
+    succeeded(&["eval", &data, "--report", &report, "--threshold", "32000"]);
+    let html = fs::read_to_string(Path::new(&report).join("report.html")).unwrap();
+    assert!(html.matches("<img ").count() > 0);
+}
+
+#[test]
 fn what_is_broken_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let (data, other) = (split(&folder), external(&folder));
