@@ -13,7 +13,7 @@ use core::cmp::Reverse;
 use heapless::binary_heap::{BinaryHeap, Min};
 
 pub use crate::cube::SLICES;
-pub use crate::judge::{Detection, Shift};
+pub use crate::detection::{Detection, Shift};
 
 /// Most detections of one frame.
 pub const MAX_DETECTIONS: usize = 64;

@@ -1,6 +1,7 @@
 //! The verdict on a candidate: its st-cube, a score, a box (level 7).
 
 use crate::cube::{Cube, SCALARS, SLICES, SUBCELL, WINDOW};
+use crate::detection::{Detection, SHIFTS, Shift};
 use crate::fixed::exp2_q16;
 use crate::front::FrontEnd;
 use crate::gradient::CELL;
@@ -12,28 +13,10 @@ use crate::scan::Candidate;
 use core::cmp::Reverse;
 use fixed::types::I28F4;
 
+const _: () = assert!(SHIFTS == SLICES - 1);
+
 /// Farthest that a box's centre may be from its window's, in cells, Q8.
 const FARTHEST_CENTRE: i32 = (WINDOW as i32) << 8;
-
-/// Movement of an object in the image, in pixels of the frame (Q28.4).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Shift {
-    /// To the right.
-    pub x: I28F4,
-    /// Downwards.
-    pub y: I28F4,
-}
-
-/// A flying object found in the newest frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Detection {
-    /// Its box in the frame.
-    pub rect: Rect,
-    /// How sure the detector is: log-odds in Q16, larger is surer; any sign.
-    pub score: i32,
-    /// Where the object's centre was 1, 2, .. frames ago, relative to its centre now.
-    pub shifts: [Shift; SLICES - 1],
-}
 
 /// The box of the nominal target in the middle of a window whose pixels are `scale` frame pixels.
 pub fn nominal(position: Position, level: &LevelBuffers<'_>) -> Rect {

@@ -57,6 +57,8 @@
 //! | 3 | [`warp`] | an older frame seen from where the camera is now, and what differs |
 //! | 2 | [`channels`] | gradient energies and differences of a level, in tables and in the scan's map |
 //! | 2 | [`registration`] | the motion of the background from frame to frame |
+//! | 2 | [`traffic`] | what is told to others about an object: where it is, how near, how dangerous |
+//! | 1 | [`detection`] | what was found in a frame |
 //! | 1 | [`persistence`] | what was there a frame ago makes a detection surer |
 //! | 1 | [`trees`] | boosted trees and their cascade; they know no image |
 //! | 1 | [`planar`] | a motion of the whole picture, fitted to the motion of points |
@@ -75,6 +77,7 @@ extern crate std;
 
 pub mod channels;
 pub mod cube;
+pub mod detection;
 pub mod detector;
 pub mod feature;
 pub mod fixed;
@@ -96,5 +99,6 @@ pub mod registration;
 pub mod scan;
 #[cfg(feature = "std")]
 pub mod shell;
+pub mod traffic;
 pub mod trees;
 pub mod warp;

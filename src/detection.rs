@@ -1,0 +1,27 @@
+//! What was found in a frame (level 1).
+
+use crate::image::Rect;
+use fixed::types::I28F4;
+
+/// Shifts of a detection: one for each older slice of its st-cube.
+pub const SHIFTS: usize = 3;
+
+/// Movement of an object in the image, in pixels of the frame (Q28.4).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Shift {
+    /// To the right.
+    pub x: I28F4,
+    /// Downwards.
+    pub y: I28F4,
+}
+
+/// A flying object found in the newest frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Detection {
+    /// Its box in the frame.
+    pub rect: Rect,
+    /// How sure the detector is: log-odds in Q16, larger is surer; any sign.
+    pub score: i32,
+    /// Where the object's centre was 1, 2, .. frames ago, relative to its centre now.
+    pub shifts: [Shift; SHIFTS],
+}
