@@ -6,6 +6,7 @@ use crate::image::{Image, Rect};
 use crate::judge::{Judge, Judged, nominal, window};
 use crate::levels::{Geometry, LevelBuffers, MAX_LEVELS, Pyramid};
 use crate::model::{Method, Model};
+use crate::motion::Alignment;
 use crate::nms;
 use crate::persistence::Persistence;
 use crate::scan::{Candidate, Map};
@@ -51,8 +52,10 @@ pub struct Config {
     pub registration: bool,
     /// Look at temporal differences.
     pub temporal: bool,
-    /// Algorithm 1: keep the object in the middle of every slice.
-    pub compensation: bool,
+    /// What the older slices of a cube follow: as the model was trained.
+    pub alignment: Alignment,
+    /// Follow detections through the slices by Algorithm 1, for their shifts.
+    pub trace: bool,
     /// Weigh detections by what was there a frame ago.
     pub persistence: bool,
     /// Judge candidates by their st-cube; without it the scan's own score stands.
@@ -72,7 +75,8 @@ impl Config {
             candidates: 48,
             registration: true,
             temporal: true,
-            compensation: true,
+            alignment: Alignment::Background,
+            trace: true,
             stcube: true,
             persistence: true,
         }
@@ -83,7 +87,7 @@ impl Config {
         Self {
             registration: method.registration,
             temporal: method.temporal,
-            compensation: method.compensation,
+            alignment: method.alignment,
             scales_per_octave: method.scales_per_octave as usize,
             ..Self::new(width, height)
         }
@@ -290,7 +294,8 @@ impl<'m, 'b> Detector<'m, 'b> {
         observer(Stage::Scan);
         let judge = Judge {
             model,
-            compensation: config.compensation,
+            alignment: config.alignment,
+            trace: config.trace,
             stcube: config.stcube,
             front,
             pyramid: &pyramid,

@@ -8,7 +8,7 @@ use crate::gradient::CELL;
 use crate::image::Rect;
 use crate::levels::{LevelBuffers, Pyramid};
 use crate::model::Model;
-use crate::motion::{self, Path, Position};
+use crate::motion::{self, Alignment, Path, Position};
 use crate::scan::Candidate;
 use core::cmp::Reverse;
 use fixed::types::I28F4;
@@ -65,8 +65,10 @@ impl Judged {
 pub struct Judge<'a> {
     /// The model.
     pub model: &'a Model<'a>,
-    /// Whether Algorithm 1 keeps the object in the middle of every slice.
-    pub compensation: bool,
+    /// What the older slices of a cube follow.
+    pub alignment: Alignment,
+    /// Whether Algorithm 1 follows a detection through the slices where the cube's own slices do not.
+    pub trace: bool,
     /// Whether the cube gives the score; otherwise the scan's own stands.
     pub stcube: bool,
     /// The front end after the newest frame.
@@ -113,6 +115,19 @@ impl Judge<'_> {
         let rect = Rect { x: x - width / 2, y: y - height / 2, width, height };
         let score = score.div_euclid(i64::from(looks) + 1) as i32;
         judged.detection = Detection { rect, score, ..centred };
+        if self.trace && self.alignment != Alignment::Regressors {
+            self.trace(&mut judged.detection, cube);
+        }
+    }
+
+    /// Follows the object in a detection's box back through the slices by Algorithm 1: its shifts.
+    fn trace(&self, detection: &mut Detection, cube: &mut Cube) {
+        let Some(level) = self.level_of(&detection.rect) else { return };
+        let level = &self.pyramid[level];
+        let start = Position::centred(centre(&detection.rect), level.level.scale);
+        let slices = self.front.slices(level);
+        let path = motion::compensate(&slices, Some(self.model.regressors()), start, cube);
+        detection.shifts = shifts(&path, level.level.scale);
     }
 
     /// The searched level whose nominal target is nearest to the longer side of a box.
@@ -128,10 +143,7 @@ impl Judge<'_> {
 
     /// Looks at the middle of `rect` on another level.
     fn look(&self, candidate: &Candidate, rect: &Rect, level: usize, cube: &mut Cube) -> Detection {
-        // Q4 to Q8 pixels.
-        let centre = |from: I28F4, length: I28F4| (from.to_bits() << 4) + (length.to_bits() << 3);
-        let centre = (centre(rect.x, rect.width), centre(rect.y, rect.height));
-        let at = Position::centred(centre, self.pyramid[level].level.scale);
+        let at = Position::centred(centre(rect), self.pyramid[level].level.scale);
         let candidate = Candidate { level: level as u8, ..*candidate };
         let path = self.cut(&candidate, at, cube);
         let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
@@ -143,7 +155,8 @@ impl Judge<'_> {
     /// channels.
     pub fn cut(&self, candidate: &Candidate, start: Position, cube: &mut Cube) -> Path {
         let level = &self.pyramid[usize::from(candidate.level)];
-        let regressors = self.compensation.then_some(self.model.regressors());
+        let regressors =
+            (self.alignment == Alignment::Regressors).then_some(self.model.regressors());
         cube.scalars = [0; SCALARS];
         cube.scalars[0] = candidate.score.saturating_add(32768).clamp(0, 65535) as u16;
         cube.scalars[1] = (level.level.target_q4() >> 4) as u16;
@@ -156,7 +169,6 @@ impl Judge<'_> {
         let level = &self.pyramid[usize::from(candidate.level)].level;
         let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
         let [x, y, width, height] = self.model.boxes().each_ref().map(|forest| forest.score(test));
-        let centres = path.positions.map(|position| position.centre(level.scale));
         // Q8 cells to Q8 pixels of the frame. A centre farther than a window away is none of this window's.
         let pixels = |cells: i32| {
             let cells = i64::from(cells.clamp(-FARTHEST_CENTRE, FARTHEST_CENTRE));
@@ -165,14 +177,26 @@ impl Judge<'_> {
         let size = |log: i32| {
             ((i64::from(level.target_q4()) * i64::from(exp2_q16(log)) + 32768) >> 16) as i32
         };
-        let (cx, cy) = centres[0];
+        let (cx, cy) = path.positions[0].centre(level.scale);
         Detection {
             rect: boxed((cx + pixels(x), cy + pixels(y)), size(width), size(height)),
             score: score.saturating_mul(256),
-            shifts: core::array::from_fn(|k| Shift {
-                x: I28F4::from_bits((centres[k + 1].0 - cx) >> 4),
-                y: I28F4::from_bits((centres[k + 1].1 - cy) >> 4),
-            }),
+            shifts: shifts(path, level.scale),
         }
     }
+}
+
+/// The centre of a box, Q4 to Q8 pixels.
+fn centre(rect: &Rect) -> (i32, i32) {
+    let middle = |from: I28F4, length: I28F4| (from.to_bits() << 4) + (length.to_bits() << 3);
+    (middle(rect.x, rect.width), middle(rect.y, rect.height))
+}
+
+/// Where the slices of a path are, relative to the newest.
+fn shifts(path: &Path, scale: u32) -> [Shift; SHIFTS] {
+    let [(x, y), older @ ..] = path.positions.map(|position| position.centre(scale));
+    older.map(|at| Shift {
+        x: I28F4::from_bits((at.0 - x) >> 4),
+        y: I28F4::from_bits((at.1 - y) >> 4),
+    })
 }

@@ -8,7 +8,7 @@ use crate::channels::MAP_CHANNELS;
 use crate::cube::{SLICES, WINDOW};
 use crate::feature::Features;
 use crate::gradient::{CELL, ORIENTATIONS};
-use crate::motion::Regressors;
+use crate::motion::{Alignment, Regressors};
 use crate::scan;
 use crate::trees::{Forest, ForestError};
 
@@ -93,30 +93,31 @@ pub struct Method {
     pub registration: bool,
     /// Temporal differences were looked at.
     pub temporal: bool,
-    /// Algorithm 1 kept the object in the middle of every slice.
-    pub compensation: bool,
+    /// What the older slices of cubes followed.
+    pub alignment: Alignment,
     /// Levels for each doubling of the target's size, 1 to 4.
     pub scales_per_octave: u8,
 }
 
 impl Method {
-    /// The bytes in the file: a bit for each part, scales per octave.
+    /// The bytes in the file: a bit for each part and the alignment above them, scales per octave.
     pub const fn encode(&self) -> [u8; 2] {
         let parts =
-            self.registration as u8 | (self.temporal as u8) << 1 | (self.compensation as u8) << 2;
+            self.registration as u8 | (self.temporal as u8) << 1 | (self.alignment as u8) << 2;
         [parts, self.scales_per_octave]
     }
 
     /// Reads what [`Method::encode`] gives.
     pub const fn decode(bytes: [u8; 2]) -> Option<Self> {
         let [parts, scales_per_octave] = bytes;
-        if parts > 7 || scales_per_octave == 0 || scales_per_octave > 4 {
+        if scales_per_octave == 0 || scales_per_octave > 4 {
             return None;
         }
+        let Some(alignment) = Alignment::decode(parts >> 2) else { return None };
         Some(Self {
             registration: parts & 1 != 0,
             temporal: parts & 2 != 0,
-            compensation: parts & 4 != 0,
+            alignment,
             scales_per_octave,
         })
     }

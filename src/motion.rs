@@ -75,6 +75,27 @@ impl Position {
     }
 }
 
+/// What the older slices of a cube follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Alignment {
+    /// The background: every slice shows the same place of the scene, an object's own motion shows as change.
+    Background = 0,
+    /// The object: Algorithm 1 of the paper.
+    Regressors = 1,
+}
+
+impl Alignment {
+    /// Reads the number that stands in a model file.
+    pub const fn decode(number: u8) -> Option<Self> {
+        match number {
+            0 => Some(Self::Background),
+            1 => Some(Self::Regressors),
+            _ => None,
+        }
+    }
+}
+
 /// What the slices of a cube are cut from.
 #[derive(Debug, Clone, Copy)]
 pub struct Slices<'a> {

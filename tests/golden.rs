@@ -4,6 +4,7 @@ mod common;
 
 use common::golden::{CONFIG, DIGEST, FRAMES, MODEL, digest};
 use lookout::detector::{Buffers, Config};
+use lookout::motion::Alignment;
 
 #[test]
 fn the_model_is_the_one_put_together_by_hand() {
@@ -33,7 +34,7 @@ fn every_part_has_a_say_in_the_digest() {
     for other in [
         Config { registration: false, ..CONFIG },
         Config { temporal: false, ..CONFIG },
-        Config { compensation: false, ..CONFIG },
+        Config { alignment: Alignment::Background, ..CONFIG },
         Config { stcube: false, ..CONFIG },
     ] {
         assert_ne!(common::watch(MODEL, other, 0, FRAMES), runs, "{other:?}");

@@ -30,9 +30,9 @@ pub struct DetectorArgs {
     /// Ablation: do not look at temporal differences
     #[arg(long)]
     pub no_temporal: bool,
-    /// Ablation: do not keep the object in the middle of every slice (Algorithm 1)
+    /// Ablation: do not follow detections through the slices by Algorithm 1
     #[arg(long)]
-    pub no_compensation: bool,
+    pub no_trace: bool,
     /// Ablation: let the scan's own score stand
     #[arg(long)]
     pub no_stcube: bool,
@@ -48,7 +48,7 @@ impl DetectorArgs {
         config.threshold = self.threshold.unwrap_or(config.threshold);
         config.registration &= !self.no_registration;
         config.temporal &= !self.no_temporal;
-        config.compensation &= !self.no_compensation;
+        config.trace &= !self.no_trace;
         config.stcube &= !self.no_stcube;
         config.persistence &= !self.no_persistence;
         config
@@ -219,7 +219,7 @@ mod tests {
             threshold: Some(5),
             no_registration: true,
             no_temporal: true,
-            no_compensation: true,
+            no_trace: true,
             no_stcube: true,
             no_persistence: true,
             ..Default::default()
@@ -228,7 +228,7 @@ mod tests {
             threshold: 5,
             registration: false,
             temporal: false,
-            compensation: false,
+            trace: false,
             stcube: false,
             persistence: false,
             ..all

@@ -6,6 +6,7 @@ pub mod golden;
 use lookout::detector::{Buffers, Config, Detections, Detector};
 use lookout::image::Image;
 use lookout::model::{self, GEOMETRY, MAGIC, Method, Model, Section, VERSION};
+use lookout::motion::Alignment;
 use lookout::scan;
 use lookout::trees::NEVER_REJECT;
 
@@ -16,8 +17,12 @@ pub type Sections = [Vec<u8>; Section::ALL.len()];
 pub type Tree = (i32, Vec<(u16, u16)>, Vec<i16>);
 
 /// What the models here say they were trained with.
-pub const METHOD: Method =
-    Method { registration: true, temporal: true, compensation: true, scales_per_octave: 2 };
+pub const METHOD: Method = Method {
+    registration: true,
+    temporal: true,
+    alignment: Alignment::Regressors,
+    scales_per_octave: 2,
+};
 
 /// Bytes of a forest over `features` features.
 pub fn forest(features: u16, bias: i32, trees: &[Tree]) -> Vec<u8> {

@@ -23,8 +23,9 @@ const PATCHES: usize = 6;
 /// in from there.
 const REACH: Tolerance = Tolerance { distance: 2.0, scale: 1.1, far: 0.0, other_scale: 0.0 };
 
-/// Windows drawn around each target on each level within reach, for the box regressors beside the scan's own.
-const JITTERED: usize = 1;
+/// Windows drawn around each target on each level within reach, for the box regressors beside the scan's own: how far
+/// from the target's middle, in cells. Most are near it, where the last looks are from.
+const JITTER: [f64; 3] = [1.0, 0.35, 0.35];
 
 /// Values of features and what belongs to them.
 #[derive(Debug, Clone)]
@@ -104,8 +105,9 @@ pub fn cubes(
             if offset.scale().abs() > REACH.scale {
                 continue;
             }
-            for _ in 0..JITTERED {
-                let position = around(&offset, (random.symmetric(), random.symmetric()));
+            for reach in JITTER {
+                let away = (reach * random.symmetric(), reach * random.symmetric());
+                let position = around(&offset, away);
                 let candidate = Candidate { level: level.number, x: 0, y: 0, score: 0 };
                 candidates.push((candidate, position, false));
             }
@@ -113,7 +115,8 @@ pub fn cubes(
     }
     let judge = Judge {
         model,
-        compensation: config.compensation,
+        alignment: config.alignment,
+        trace: false,
         stcube: config.stcube,
         front: view.front,
         pyramid,

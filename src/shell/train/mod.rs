@@ -19,6 +19,7 @@ mod windows;
 use super::error::Error;
 use super::interrupt::Ended;
 use crate::model::{Method, Model, Section};
+use crate::motion::Alignment;
 use file::Parts;
 use report::Report;
 use stages::Trainer;
@@ -37,6 +38,25 @@ pub enum CubeLoss {
     Adaboost,
     /// ln(1 + exp(-y F)): scores are log-odds; outliers weigh less.
     Logistic,
+}
+
+/// What the older slices of cubes follow: [`Alignment`] on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Following {
+    /// The background's motion: an object's own motion shows as change.
+    Background,
+    /// The object, by Algorithm 1 of the paper.
+    Regressors,
+}
+
+impl From<Following> for Alignment {
+    fn from(following: Following) -> Self {
+        match following {
+            Following::Background => Self::Background,
+            Following::Regressors => Self::Regressors,
+        }
+    }
 }
 
 /// What `lookout train` can be told.
@@ -104,9 +124,9 @@ pub struct TrainArgs {
     /// Ablation: do not look at temporal differences
     #[arg(long)]
     pub no_temporal: bool,
-    /// Ablation: do not keep the object in the middle of every slice (Algorithm 1)
-    #[arg(long)]
-    pub no_compensation: bool,
+    /// What the older slices of cubes follow
+    #[arg(long, value_enum, default_value_t = Following::Background)]
+    pub alignment: Following,
 }
 
 impl TrainArgs {
@@ -114,7 +134,7 @@ impl TrainArgs {
         Method {
             registration: !self.no_registration,
             temporal: !self.no_temporal,
-            compensation: !self.no_compensation,
+            alignment: self.alignment.into(),
             scales_per_octave: self.scales_per_octave,
         }
     }
