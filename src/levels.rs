@@ -219,9 +219,9 @@ pub fn build(
         let LevelBuffers { level, grey, differences: out, .. } = &mut rest[0];
         match i.checked_sub(per_octave).map(|i| &finer[i]) {
             None => {
-                pyramid::resize(frame, level.scale, grey);
+                pyramid::resize(frame, (level.scale, level.scale), grey);
                 for (out, difference) in out.iter_mut().zip(differences) {
-                    pyramid::resize(difference, level.scale, out);
+                    pyramid::resize(difference, (level.scale, level.scale), out);
                 }
             }
             Some(finer) => {

@@ -32,17 +32,18 @@ pub const fn resized(length: usize, step: u32) -> usize {
     ((length as u64 * 65536) / step as u64) as usize
 }
 
-/// Bilinear samples of `src`, `step` pixels apart (Q16, 65536 is one pixel, more makes the picture smaller): the
-/// centre of pixel x of the result lies at `(x + 1/2) * step` in `src`. Returns the size of the picture written row
+/// Bilinear samples of `src`, `steps` pixels apart across and down (Q16, 65536 is one pixel, more makes the picture
+/// smaller): the centre of pixel x of the result lies at `(x + 1/2) * steps.0` in `src`. Returns the size of the picture written row
 /// by row to `dst`.
 ///
-/// Panics if `step` is 0 or `dst` has fewer bytes than the result, see [`resized`].
-pub fn resize(src: Image<'_>, step: u32, dst: &mut [u8]) -> (usize, usize) {
-    let (width, height) = (resized(src.width(), step), resized(src.height(), step));
+/// Panics if a step is 0 or `dst` has fewer bytes than the result, see [`resized`].
+pub fn resize(src: Image<'_>, steps: (u32, u32), dst: &mut [u8]) -> (usize, usize) {
+    let (step_x, step_y) = steps;
+    let (width, height) = (resized(src.width(), step_x), resized(src.height(), step_y));
     if width == 0 || height == 0 {
         return (width, height);
     }
-    if step == 65536 {
+    if steps == (65536, 65536) {
         for (y, out) in dst[..width * height].chunks_exact_mut(width).enumerate() {
             out.copy_from_slice(src.row(y));
         }
@@ -51,18 +52,18 @@ pub fn resize(src: Image<'_>, step: u32, dst: &mut [u8]) -> (usize, usize) {
     let (last_x, last_y) = (src.width() - 1, src.height() - 1);
     let mut strip = [0u16; STRIP];
     for (y, out) in dst[..width * height].chunks_exact_mut(width).enumerate() {
-        let (y0, wy) = sample(y, step, last_y);
+        let (y0, wy) = sample(y, step_y, last_y);
         let (upper, lower) = (src.row(y0), src.row((y0 + 1).min(last_y)));
         let mut x = 0;
         while x < width {
-            let first = sample(x, step, last_x).0;
+            let first = sample(x, step_x, last_x).0;
             let end = (first + STRIP).min(src.width());
             let rows = upper[first..end].iter().zip(&lower[first..end]);
             for (blend, (&a, &b)) in strip.iter_mut().zip(rows) {
                 *blend = u16::from(a) * (256 - wy) + u16::from(b) * wy;
             }
             while x < width {
-                let (x0, wx) = sample(x, step, last_x);
+                let (x0, wx) = sample(x, step_x, last_x);
                 let x1 = (x0 + 1).min(last_x);
                 if x1 >= end {
                     break;
@@ -125,7 +126,7 @@ mod tests {
             let src = Image::new(&pixels, w, h, w + pad).unwrap();
             let (ow, oh) = (resized(w, step), resized(h, step));
             let mut out = vec![0; ow * oh];
-            prop_assert_eq!(resize(src, step, &mut out), (ow, oh));
+            prop_assert_eq!(resize(src, (step, step), &mut out), (ow, oh));
             let scale = f64::from(step) / 65536.0;
             let place = |i: usize, n: usize| ((i as f64 + 0.5) * scale - 0.5).clamp(0.0, (n - 1) as f64);
             for y in 0..oh {
@@ -148,10 +149,10 @@ mod tests {
     fn nothing_comes_from_nothing() {
         let one = Image::packed(&[9], 1, 1).unwrap();
         assert_eq!(halve(one, &mut []), (0, 0));
-        assert_eq!(resize(one, 65537, &mut []), (0, 0));
+        assert_eq!(resize(one, (65537, 65537), &mut []), (0, 0));
         let mut out = [0; 4];
-        assert_eq!(resize(one, 32768, &mut out), (2, 2));
+        assert_eq!(resize(one, (32768, 32768), &mut out), (2, 2));
         assert_eq!(out, [9; 4]);
-        assert_eq!(resize(Image::packed(&[], 0, 3).unwrap(), 65536, &mut out), (0, 3));
+        assert_eq!(resize(Image::packed(&[], 0, 3).unwrap(), (65536, 65536), &mut out), (0, 3));
     }
 }

@@ -8,8 +8,8 @@ use lookout::detector::{
     Buffers, Config, Detections, Detector, Error, MAX_CANDIDATES, MAX_DETECTIONS,
 };
 use lookout::image::Image;
-use lookout::motion::Alignment;
 use lookout::model::Model;
+use lookout::motion::Alignment;
 use proptest::prelude::*;
 
 #[test]
@@ -162,14 +162,14 @@ proptest! {
         scales_per_octave in prop_oneof![0..6usize, Just(usize::MAX)],
         candidates in prop_oneof![0..64usize, Just(usize::MAX)],
         threshold in prop_oneof![Just(i32::MIN), any::<i32>(), Just(i32::MAX)],
-        [registration, temporal, trace, stcube, persistence,
-            alignment: if keen { Alignment::Regressors } else { Alignment::Background }, keen] in any::<[bool; 6]>(),
+        [registration, temporal, trace, stcube, persistence, keen] in any::<[bool; 6]>(),
+        alignment in prop_oneof![Just(Alignment::Background), Just(Alignment::Regressors)],
         kinds in any::<[u8; 4]>(),
         seed: u32,
     ) {
         let config = Config {
             width, height, min_target, max_target, threshold, scales_per_octave, candidates,
-            registration, temporal, trace, stcube, persistence,
+            registration, temporal, alignment, trace, stcube, persistence,
         };
         let file = if keen { keen_model() } else { model() };
         let parsed = Model::parse(&file).unwrap();

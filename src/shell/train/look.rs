@@ -17,14 +17,14 @@ pub struct Look {
     gain: i32,
     /// Grey that keeps its place when the contrast changes.
     pivot: i32,
-    /// Pixels of the frame to one shown, Q16; 1 or more.
-    step: u32,
+    /// Pixels of the frame to one shown, across and down, Q16; 1 or more.
+    steps: (u32, u32),
 }
 
 impl Look {
     /// The frames as they are.
     pub const PLAIN: Self =
-        Self { mirrored: false, inverted: false, gain: 256, pivot: 128, step: 65536 };
+        Self { mirrored: false, inverted: false, gain: 256, pivot: 128, steps: (65536, 65536) };
 
     /// A look at random: a third of them plain in all but the mirror.
     pub fn draw(random: &mut Random) -> Self {
@@ -33,16 +33,17 @@ impl Look {
             look.inverted = random.below(8) == 0;
             look.gain = 140 + random.below(200) as i32;
             look.pivot = 64 + random.below(128) as i32;
-            if random.below(2) == 0 {
-                look.step = 65536 + random.below(52429) as u32;
-            }
+            let step = 65536 + if random.below(2) == 0 { random.below(52429) as u32 } else { 0 };
+            // Narrower or flatter by up to a third: few shapes stand for many.
+            let stretched = step + ((u64::from(step) * random.below(32768) as u64) >> 16) as u32;
+            look.steps = [(step, stretched), (stretched, step)][random.below(2)];
         }
         look
     }
 
     /// Size of a frame of `width` x `height` as shown.
     pub fn size(&self, width: usize, height: usize) -> (usize, usize) {
-        (pyramid::resized(width, self.step), pyramid::resized(height, self.step))
+        (pyramid::resized(width, self.steps.0), pyramid::resized(height, self.steps.1))
     }
 
     /// Writes `frame` as shown to `shown`.
@@ -50,7 +51,7 @@ impl Look {
         let (width, height) = self.size(frame.width, frame.height);
         shown.pixels.resize(width * height, 0);
         (shown.width, shown.height, shown.time_us) = (width, height, frame.time_us);
-        pyramid::resize(frame.view(), self.step, &mut shown.pixels);
+        pyramid::resize(frame.view(), self.steps, &mut shown.pixels);
         let tone: Vec<u8> = (0..256)
             .map(|grey| {
                 let grey = if self.inverted { 255 - grey } else { grey };
@@ -67,15 +68,16 @@ impl Look {
 
     /// A box of a frame `width` pixels wide as shown.
     pub fn truth(&self, truth: &TruthBox, width: usize) -> TruthBox {
-        let scale = 65536.0 / f64::from(self.step);
+        let scale = |step: u32| 65536.0 / f64::from(step);
+        let (across, down) = (scale(self.steps.0), scale(self.steps.1));
         // The mirror is that of the shown frame, whose width is rounded down.
-        let shown = pyramid::resized(width, self.step) as f64;
-        let left = truth.left * scale;
+        let shown = pyramid::resized(width, self.steps.0) as f64;
+        let left = truth.left * across;
         TruthBox {
-            left: if self.mirrored { shown - left - truth.width * scale } else { left },
-            top: truth.top * scale,
-            width: truth.width * scale,
-            height: truth.height * scale,
+            left: if self.mirrored { shown - left - truth.width * across } else { left },
+            top: truth.top * down,
+            width: truth.width * across,
+            height: truth.height * down,
             ..*truth
         }
     }
