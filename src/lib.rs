@@ -53,6 +53,8 @@
 //! | 5 | [`motion`] | Algorithm 1: the object stays in the middle of every slice of its cube |
 //! | 4 | [`feature`] | energies of boxes in a cube, compared without a division |
 //! | 4 | [`levels`] | the pyramid of a frame and its memory |
+//! | 4 | `component` | a MAVLink component: what it hears, answers and tells (feature `mavlink`) |
+//! | 3 | `message` | MAVLink messages about traffic (feature `mavlink`) |
 //! | 3 | [`cube`] | windows on the last frames: the slices of a st-cube |
 //! | 3 | [`warp`] | an older frame seen from where the camera is now, and what differs |
 //! | 2 | [`channels`] | gradient energies and differences of a level, in tables and in the scan's map |
@@ -76,6 +78,8 @@
 extern crate std;
 
 pub mod channels;
+#[cfg(feature = "mavlink")]
+pub mod component;
 pub mod cube;
 pub mod detection;
 pub mod detector;
@@ -89,6 +93,8 @@ pub mod integral;
 pub mod judge;
 pub mod levels;
 pub mod linear;
+#[cfg(feature = "mavlink")]
+pub mod message;
 pub mod model;
 pub mod motion;
 pub mod nms;

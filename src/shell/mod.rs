@@ -11,6 +11,7 @@ pub mod eval;
 pub mod flight;
 pub mod interrupt;
 pub mod judge;
+pub mod link;
 pub mod parallel;
 pub mod pictures;
 pub mod pipeline;

@@ -1,0 +1,177 @@
+//! What can be set over the parameter protocol.
+//!
+//! Every parameter is a REAL32 on the wire, the switches too: there the two encodings in use, bytewise (PX4) and
+//! C-cast (ArduPilot), are the same bytes, and no receiver can read them wrongly.
+//! Source: <https://mavlink.io/en/services/parameter.html>.
+
+use fixed::types::I16F16;
+
+/// A parameter. Its number is its index on the wire; the set never changes while the program runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Parameter {
+    /// `LK_THRESHOLD`: least score of a detection, log-odds; 0 by default.
+    Threshold,
+    /// `LK_WINGSPAN`: assumed wingspan of other aircraft in metres; 1 by default.
+    Wingspan,
+    /// `LK_CAUTION_S`: time to contact below which there is a caution, in seconds; 20 by default.
+    CautionTime,
+    /// `LK_WARNING_S`: time to contact below which there is a warning, in seconds; 10 by default.
+    WarningTime,
+    /// `LK_ADSB_HZ`: reports of an aircraft a second by ADSB_VEHICLE, 0 for none; 2 by default.
+    AdsbRate,
+    /// `LK_COLLISION`: 1 to send COLLISION; 1 by default.
+    Collision,
+    /// `LK_TEXT`: 1 to send STATUSTEXT; 1 by default.
+    Text,
+    /// `LK_TEXT_S`: least time between two texts of one severity about one aircraft, in seconds; 60 by default.
+    TextInterval,
+    /// `LK_PROXIMITY`: 0 nothing (default), 1 OBSTACLE_DISTANCE, 2 OBSTACLE_DISTANCE_3D (ArduPilot only). Never both:
+    /// each OBSTACLE_DISTANCE wipes what the other kind told ArduPilot. Off by default because PX4 then holds before
+    /// every direction that is not seen.
+    Proximity,
+    /// `LK_PROX_HZ`: their rate; 10 by default. Autopilots take half a second of silence for a lost sensor.
+    ProximityRate,
+    /// `LK_PROX_MAX`: farthest distance told in them, in metres; 100 by default.
+    ProximityMax,
+    /// `LK_HEALTH`: 1 to send NAMED_VALUE_FLOAT about the work on the frames; 1 by default.
+    Health,
+}
+
+/// Number of parameters.
+pub const COUNT: usize = 12;
+
+/// Name, default, least and largest value of a parameter, and whether it is a whole number.
+struct Definition(Parameter, &'static str, f32, f32, f32, bool);
+
+static DEFINITIONS: [Definition; COUNT] = [
+    Definition(Parameter::Threshold, "LK_THRESHOLD", 0.0, -32.0, 32.0, false),
+    Definition(Parameter::Wingspan, "LK_WINGSPAN", 1.0, 0.0625, 100.0, false),
+    Definition(Parameter::CautionTime, "LK_CAUTION_S", 20.0, 1.0, 120.0, false),
+    Definition(Parameter::WarningTime, "LK_WARNING_S", 10.0, 1.0, 120.0, false),
+    Definition(Parameter::AdsbRate, "LK_ADSB_HZ", 2.0, 0.0, 5.0, false),
+    Definition(Parameter::Collision, "LK_COLLISION", 1.0, 0.0, 1.0, true),
+    Definition(Parameter::Text, "LK_TEXT", 1.0, 0.0, 1.0, true),
+    Definition(Parameter::TextInterval, "LK_TEXT_S", 60.0, 5.0, 600.0, false),
+    Definition(Parameter::Proximity, "LK_PROXIMITY", 0.0, 0.0, 2.0, true),
+    Definition(Parameter::ProximityRate, "LK_PROX_HZ", 10.0, 5.0, 20.0, false),
+    Definition(Parameter::ProximityMax, "LK_PROX_MAX", 100.0, 10.0, 600.0, false),
+    Definition(Parameter::Health, "LK_HEALTH", 1.0, 0.0, 1.0, true),
+];
+
+impl Parameter {
+    /// The parameter of an index, 0 to [`COUNT`] - 1.
+    pub fn from_index(index: usize) -> Option<Self> {
+        DEFINITIONS.get(index).map(|d| d.0)
+    }
+
+    /// The parameter of a name.
+    pub fn from_name(name: &[u8]) -> Option<Self> {
+        DEFINITIONS.iter().find(|d| d.1.as_bytes() == name).map(|d| d.0)
+    }
+
+    /// All parameters in the order of their indices.
+    pub fn all() -> impl Iterator<Item = Self> {
+        DEFINITIONS.iter().map(|d| d.0)
+    }
+
+    /// Its index.
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// Its name, at most 16 letters.
+    pub fn name(self) -> &'static str {
+        DEFINITIONS[self.index()].1
+    }
+
+    /// Least and largest value.
+    pub fn range(self) -> (f32, f32) {
+        let definition = &DEFINITIONS[self.index()];
+        (definition.3, definition.4)
+    }
+}
+
+/// A value of every parameter, always within its range.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameters {
+    values: [f32; COUNT],
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self { values: core::array::from_fn(|i| DEFINITIONS[i].2) }
+    }
+}
+
+impl Parameters {
+    /// The value as it stands on the wire.
+    pub fn wire(&self, parameter: Parameter) -> f32 {
+        self.values[parameter.index()]
+    }
+
+    /// The value in Q16.
+    pub fn get(&self, parameter: Parameter) -> I16F16 {
+        I16F16::saturating_from_num(self.wire(parameter))
+    }
+
+    /// Whether a switch is on.
+    pub fn is_on(&self, parameter: Parameter) -> bool {
+        self.get(parameter) != 0
+    }
+
+    /// Sets a value; `false` where it is out of range, no number, or not whole where it should be.
+    pub fn set(&mut self, parameter: Parameter, value: f32) -> bool {
+        let (min, max) = parameter.range();
+        let whole = I16F16::checked_from_num(value).is_some_and(|v| v.frac() == 0);
+        // A NaN is in no range.
+        let good = (min..=max).contains(&value) && (whole || !DEFINITIONS[parameter.index()].5);
+        if good {
+            self.values[parameter.index()] = value;
+        }
+        good
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_table_is_in_order_and_its_defaults_are_in_range() {
+        for (index, parameter) in Parameter::all().enumerate() {
+            assert_eq!(parameter.index(), index);
+            assert_eq!(Parameter::from_index(index), Some(parameter));
+            assert_eq!(Parameter::from_name(parameter.name().as_bytes()), Some(parameter));
+            assert!(parameter.name().len() <= 16);
+            let mut parameters = Parameters::default();
+            assert!(parameters.set(parameter, Parameters::default().wire(parameter)));
+        }
+        assert_eq!(Parameter::all().count(), COUNT);
+        assert_eq!(Parameters::default().wire(Parameter::Proximity), 0.0);
+    }
+
+    proptest! {
+        #[test]
+        fn values_stay_in_range(index in 0..COUNT, bits: u32) {
+            let parameter = Parameter::from_index(index).unwrap();
+            let mut parameters = Parameters::default();
+            let value = f32::from_bits(bits);
+            let taken = parameters.set(parameter, value);
+            let (min, max) = parameter.range();
+            let now = parameters.wire(parameter);
+            prop_assert!((min..=max).contains(&now));
+            prop_assert_eq!(now == value, taken || value == Parameters::default().wire(parameter));
+        }
+    }
+
+    #[test]
+    fn switches_are_whole() {
+        let mut parameters = Parameters::default();
+        assert!(!parameters.set(Parameter::Text, 0.5));
+        assert!(parameters.set(Parameter::Text, 0.0));
+        assert!(!parameters.is_on(Parameter::Text));
+        assert!(parameters.set(Parameter::Wingspan, 0.35));
+        assert_eq!(parameters.wire(Parameter::Wingspan), 0.35);
+    }
+}
