@@ -78,3 +78,115 @@ pub struct Health {
     /// Why nothing can be seen, if so.
     pub blind: Blind,
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::image::Rect;
+    use crate::traffic::{Direction, Estimate, Level, Traffic};
+    use fixed::types::{I2F30, I16F16, I28F4};
+    use proptest::prelude::*;
+
+    /// Unit vector of a bearing clockwise from forward and an elevation, in degrees.
+    pub fn direction(bearing: f64, elevation: f64) -> Direction {
+        let (b, e) = (bearing.to_radians(), elevation.to_radians());
+        let unit = I2F30::from_num::<f64>;
+        Direction { x: unit(b.cos() * e.cos()), y: unit(b.sin() * e.cos()), z: unit(-e.sin()) }
+    }
+
+    fn rect(sixteenths: [i32; 4]) -> Rect {
+        let [x, y, width, height] = sixteenths.map(I28F4::from_bits);
+        Rect { x, y, width, height }
+    }
+
+    /// A distance, 20 % uncertain.
+    pub fn metres(value: i32) -> Estimate {
+        let value = I16F16::from_num(value);
+        Estimate { value, sigma: value / 5 }
+    }
+
+    /// A confirmed object 300 m to the north-east, while we fly north; level with us.
+    pub fn traffic(id: u16) -> Traffic {
+        Traffic {
+            id,
+            time_us: 0,
+            rect: rect([1600, 800, 320, 160]),
+            score: 1 << 17,
+            confirmed: true,
+            coasting: false,
+            level: Level::Traffic,
+            body: direction(45.0, 0.0),
+            ned: Some(direction(45.0, 0.0)),
+            direction_sigma: I16F16::from_num(0.002),
+            rate: Estimate { value: I16F16::ZERO, sigma: I16F16::from_num(0.01) },
+            range: Some(metres(300)),
+            velocity: Some([I16F16::from_num(-20), I16F16::ZERO, I16F16::from_num(-1)]),
+            time_to_contact: None,
+            closest: None,
+        }
+    }
+
+    /// Our vehicle over Zurich, 500 m high, flying north at 10 m/s.
+    pub fn own() -> Vehicle {
+        Vehicle {
+            latitude: 473_769_000,
+            longitude: 85_417_000,
+            altitude: 500_000,
+            velocity: [1000, 0, 0],
+            time_us: 0,
+        }
+    }
+
+    fn any_estimate() -> impl Strategy<Value = Estimate> {
+        any::<[i32; 2]>().prop_map(|[value, sigma]| Estimate {
+            value: I16F16::from_bits(value),
+            sigma: I16F16::from_bits(sigma),
+        })
+    }
+
+    fn any_direction() -> impl Strategy<Value = Direction> {
+        (any::<[i32; 3]>()).prop_map(|[x, y, z]| Direction {
+            x: I2F30::from_bits(x),
+            y: I2F30::from_bits(y),
+            z: I2F30::from_bits(z),
+        })
+    }
+
+    /// Any traffic at all, sensible or not.
+    pub fn any_traffic() -> impl Strategy<Value = Traffic> {
+        let numbers = any::<(u16, i64, [i32; 4], i32, bool, bool, u8)>();
+        let places = (any_direction(), prop::option::of(any_direction()), any_estimate());
+        let motion = (
+            prop::option::of(any_estimate()),
+            prop::option::of(any::<[i32; 3]>()),
+            prop::option::of(any_estimate()),
+            prop::option::of(any_estimate()),
+        );
+        (numbers, places, motion).prop_map(|(numbers, (body, ned, rate), motion)| {
+            let (id, time_us, [x, y, width, height], score, confirmed, coasting, level) = numbers;
+            let (range, velocity, time_to_contact, closest) = motion;
+            let levels = [Level::None, Level::Traffic, Level::Caution, Level::Warning];
+            let level = levels[usize::from(level % 4)];
+            let velocity = velocity.map(|v| v.map(I16F16::from_bits));
+            let rect = rect([x, y, width, height]);
+            let direction_sigma = rate.sigma;
+            Traffic {
+                id,
+                time_us,
+                rect,
+                score,
+                confirmed,
+                coasting,
+                level,
+                body,
+                ned,
+                direction_sigma,
+                rate,
+                range,
+                velocity,
+                time_to_contact,
+                closest,
+            }
+        })
+    }
+}

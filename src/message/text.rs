@@ -1,1 +1,265 @@
-//! TODO
+//! Words for the people on the ground: STATUSTEXT.
+//!
+//! A text says who, where as a clock position, how far, and how soon: `WARNING VIS0003: 2 o'clock high, 240 m, in 8 s`.
+//! Every text costs attention, so an aircraft gets a new one only when it has become more urgent.
+
+use super::{Blind, adsb, angle};
+use crate::traffic::{Level, Traffic};
+use core::fmt::Write;
+use mavlink::dialects::ardupilotmega::{MavSeverity, STATUSTEXT_DATA};
+use mavlink::types::CharArray;
+
+/// Letters in one text; longer ones would need chunks.
+pub const LENGTH: usize = 50;
+
+/// Sine of 10 degrees in Q30: higher or lower than this is said in words.
+const SLANTED: i32 = 186_453_324;
+
+/// Texts of level [`Level::Traffic`] are at least this far apart, in microseconds; the urgent ones never wait.
+const TRAFFIC_GAP_US: i64 = 1_000_000;
+
+fn text(severity: MavSeverity, words: &str) -> STATUSTEXT_DATA {
+    STATUSTEXT_DATA { severity, text: CharArray::from(words), id: 0, chunk_seq: 0 }
+}
+
+/// The text about an object; `None` for an object not worth one.
+pub fn about(traffic: &Traffic) -> Option<STATUSTEXT_DATA> {
+    let (severity, word) = match traffic.level {
+        Level::None => return None,
+        Level::Traffic => (MavSeverity::MAV_SEVERITY_INFO, "Traffic"),
+        Level::Caution => (MavSeverity::MAV_SEVERITY_WARNING, "Caution"),
+        // Ground stations show this one in red and raise it before the pilot.
+        Level::Warning => (MavSeverity::MAV_SEVERITY_CRITICAL, "WARNING"),
+    };
+    let mut words = heapless::String::<LENGTH>::new();
+    let _ = write!(words, "{word} {}: {}", adsb::callsign(traffic.id), Place(traffic));
+    Some(text(severity, &words))
+}
+
+/// Where an object is and how soon it is here.
+struct Place<'a>(&'a Traffic);
+
+impl core::fmt::Display for Place<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self(traffic) = self;
+        let (x, y) = (traffic.body.x.to_bits(), traffic.body.y.to_bits());
+        let hours = (i64::from(angle::atan2(y.into(), x.into())) * 12 + (1 << 31)) >> 32;
+        let hour = match hours.rem_euclid(12) {
+            0 => 12,
+            hour => hour,
+        };
+        // Above the horizon where it is known, else above the vehicle's own plane.
+        let down = traffic.ned.unwrap_or(traffic.body).z.to_bits();
+        let height = match down {
+            _ if down < -SLANTED => "high",
+            _ if down > SLANTED => "low",
+            _ => "level",
+        };
+        write!(f, "{hour} o'clock {height}")?;
+        if let Some(range) = traffic.range {
+            let metres = range.value.to_num::<i32>().max(0);
+            match metres {
+                // An assumed wingspan deserves two digits.
+                ..100 => write!(f, ", {metres} m")?,
+                100..1000 => write!(f, ", {} m", (metres + 5) / 10 * 10)?,
+                _ => write!(f, ", {}.{} km", metres / 1000, metres % 1000 / 100)?,
+            }
+        }
+        if let Some(time) = traffic.time_to_contact.filter(|_| traffic.level >= Level::Caution) {
+            write!(f, ", in {} s", time.value.to_num::<i32>().clamp(0, 99))?;
+        }
+        Ok(())
+    }
+}
+
+/// The text that the lookout sees nothing, or sees again.
+pub fn sight(stalled: bool, blind: Blind) -> STATUSTEXT_DATA {
+    let (severity, words) = if stalled {
+        (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: no pictures, traffic is not watched")
+    } else if blind.has(Blind::COVERED) {
+        (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: camera covered, traffic is not watched")
+    } else if blind.has(Blind::DARK) {
+        (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: too dark, traffic is not watched")
+    } else if blind.has(Blind::GLARE) {
+        (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: glare, traffic is not watched")
+    } else if blind.any() {
+        (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: blurred view, traffic is not watched")
+    } else {
+        (MavSeverity::MAV_SEVERITY_INFO, "Lookout: watching for traffic")
+    };
+    text(severity, words)
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Told {
+    track: u16,
+    level: Level,
+    time_us: i64,
+}
+
+/// Tracks that are remembered: those that live and as many that lived.
+const REMEMBERED: usize = 32;
+
+/// What was told about each track.
+#[derive(Debug, Default)]
+pub struct Alerts {
+    told: heapless::Vec<Told, REMEMBERED>,
+    traffic_us: Option<i64>,
+}
+
+impl Alerts {
+    /// The text about `traffic` that is due at `now_us`, if any. A track's texts only become more urgent; after
+    /// `interval_us` at a lower level the next rise counts as new.
+    pub fn due(
+        &mut self,
+        traffic: &Traffic,
+        now_us: i64,
+        interval_us: i64,
+    ) -> Option<STATUSTEXT_DATA> {
+        if !traffic.confirmed {
+            return None;
+        }
+        let at = self.told.iter().position(|told| told.track == traffic.id);
+        if let Some(at) = at {
+            let told = &mut self.told[at];
+            if traffic.level < told.level && now_us.saturating_sub(told.time_us) >= interval_us {
+                told.level = traffic.level;
+                told.time_us = now_us;
+            }
+            if traffic.level <= told.level {
+                return None;
+            }
+        }
+        if traffic.level == Level::Traffic {
+            if self.traffic_us.is_some_and(|last| now_us.saturating_sub(last) < TRAFFIC_GAP_US) {
+                return None;
+            }
+            self.traffic_us = Some(now_us);
+        }
+        let words = about(traffic)?;
+        let told = Told { track: traffic.id, level: traffic.level, time_us: now_us };
+        match at {
+            Some(at) => self.told[at] = told,
+            None => {
+                if self.told.is_full() {
+                    let oldest = (0..self.told.len()).min_by_key(|&i| self.told[i].time_us);
+                    self.told.swap_remove(oldest.unwrap_or(0));
+                }
+                let _ = self.told.push(told);
+            }
+        }
+        Some(words)
+    }
+
+    /// Forgets everything, as after a jump of the clock.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::message::tests::{any_traffic, direction, metres, traffic};
+    use crate::traffic::Estimate;
+    use fixed::types::I16F16;
+    use proptest::prelude::*;
+
+    fn words(traffic: &Traffic) -> std::string::String {
+        about(traffic).unwrap().text.to_str().unwrap().into()
+    }
+
+    #[test]
+    fn an_operator_reads_who_where_and_when() {
+        let seconds = |s: i32| Some(Estimate { value: I16F16::from_num(s), sigma: I16F16::ONE });
+        let far =
+            Traffic { range: Some(metres(1250)), ned: Some(direction(100.0, 20.0)), ..traffic(12) };
+        assert_eq!(words(&far), "Traffic VIS0012: 2 o'clock high, 1.2 km");
+        let near = Traffic {
+            level: Level::Warning,
+            range: Some(metres(236)),
+            time_to_contact: seconds(8),
+            body: direction(-58.0, 0.0),
+            ned: Some(direction(0.0, -12.0)),
+            ..traffic(3)
+        };
+        assert_eq!(words(&near), "WARNING VIS0003: 10 o'clock low, 240 m, in 8 s");
+        assert_eq!(about(&near).unwrap().severity as u8, 2);
+        let ahead = Traffic {
+            level: Level::Caution,
+            range: None,
+            body: direction(10.0, 0.0),
+            ned: None,
+            ..near
+        };
+        assert_eq!(words(&ahead), "Caution VIS0003: 12 o'clock level, in 8 s");
+        let longest = Traffic {
+            id: 9999,
+            level: Level::Warning,
+            range: Some(metres(32_767)),
+            time_to_contact: seconds(5000),
+            ned: None,
+            body: direction(-60.0, 0.0),
+            ..traffic(1)
+        };
+        assert_eq!(
+            words(&longest),
+            "WARNING VIS9999: 10 o'clock level, 32.7 km, in 99 s".split_at(50).0
+        );
+    }
+
+    #[test]
+    fn urgency_only_rises() {
+        let mut alerts = Alerts::default();
+        let mut told = std::vec::Vec::new();
+        let levels = [
+            Level::None,
+            Level::Traffic,
+            Level::Caution,
+            Level::Traffic,
+            Level::Caution,
+            Level::Warning,
+            Level::Caution,
+        ];
+        for (second, level) in levels.into_iter().enumerate() {
+            let now = second as i64 * 1_000_000;
+            if alerts.due(&Traffic { level, ..traffic(1) }, now, 60_000_000).is_some() {
+                told.push(level);
+            }
+        }
+        assert_eq!(told, [Level::Traffic, Level::Caution, Level::Warning]);
+        // Calm for a minute, then dangerous again: that is news.
+        assert!(alerts.due(&traffic(1), 66_000_000, 60_000_000).is_none());
+        let again = Traffic { level: Level::Warning, ..traffic(1) };
+        assert!(alerts.due(&again, 67_000_000, 60_000_000).is_some());
+        assert!(alerts.due(&Traffic { confirmed: false, ..traffic(2) }, 0, 1).is_none());
+    }
+
+    #[test]
+    fn a_flock_is_told_slowly_a_warning_at_once() {
+        let mut alerts = Alerts::default();
+        let count = |alerts: &mut Alerts, level, now| {
+            (0..16)
+                .filter(|&id| {
+                    alerts.due(&Traffic { level, ..traffic(id) }, now, 60_000_000).is_some()
+                })
+                .count()
+        };
+        assert_eq!(count(&mut alerts, Level::Traffic, 0), 1);
+        assert_eq!(count(&mut alerts, Level::Traffic, 1_000_000), 1);
+        assert_eq!(count(&mut alerts, Level::Warning, 1_100_000), 16);
+    }
+
+    proptest! {
+        #[test]
+        fn any_traffic_fits(objects in prop::collection::vec((any_traffic(), any::<i64>()), 0..80)) {
+            let mut alerts = Alerts::default();
+            for (object, now) in &objects {
+                if let Some(data) = about(object) {
+                    prop_assert!(data.text.to_str().unwrap().len() > 20);
+                }
+                alerts.due(object, *now, 60_000_000);
+            }
+        }
+    }
+}
