@@ -4,12 +4,29 @@
 //! [`Component::observe`]; [`Component::poll`] gives what is to be sent, [`Component::event`] what others want to know.
 //! All times are microseconds of one clock that never goes back, that of the frames.
 
+mod autopilot;
+mod clock;
+mod commands;
 pub mod parameters;
+mod streams;
 
-use crate::message::{Health, Payload};
-use crate::traffic::Traffic;
-use mavlink::MAVLinkMessageRaw;
+pub use autopilot::Autopilot;
+pub use clock::Clock;
+
+use crate::message::status::State;
+use crate::message::text::Alerts;
+use crate::message::{Health, Payload, Vehicle};
+use crate::traffic::{Level, MAX_TRAFFIC, Traffic};
+use commands::{Fields, Follow};
+use fixed::types::I16F16;
+use mavlink::dialects::ardupilotmega::{
+    ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COLLISION_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
+    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA,
+    PARAM_SET_DATA, SYSTEM_TIME_DATA, TIMESYNC_DATA,
+};
+use mavlink::{MAVLinkMessageRaw, MessageData};
 use parameters::{Parameter, Parameters};
+use streams::{STREAMS, Seen, Timer};
 
 /// What is fixed while the component runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -129,28 +146,149 @@ pub struct Counters {
     pub overflow: u32,
 }
 
+/// Who sent a frame, and over which link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Sender {
+    link: u8,
+    system: u8,
+    component: u8,
+}
+
+/// Messages that wait to be taken: every message about every object at once, and some answers.
+const OUTBOX: usize = 4 * MAX_TRAFFIC;
+
+/// Events that wait to be taken.
+const EVENTS: usize = 32;
+
 /// The component.
 #[derive(Debug)]
 pub struct Component {
     config: Config,
     parameters: Parameters,
     counters: Counters,
+    outbox: heapless::Deque<Outgoing, OUTBOX>,
+    events: heapless::Deque<Event, EVENTS>,
+    started_us: i64,
+
+    autopilot: Option<Autopilot>,
+    /// System id of the last autopilot: ours too, also while it is lost.
+    latched: Option<u8>,
+    clock: Clock,
+    timesync_us: Option<i64>,
+    unix_offset_us: Option<i64>,
+    vehicle: Option<Vehicle>,
+    /// When the autopilot last told of a collision itself.
+    yield_us: Option<i64>,
+
+    traffic: heapless::Vec<Traffic, MAX_TRAFFIC>,
+    seen: heapless::Vec<Seen, MAX_TRAFFIC>,
+    health: Health,
+    frame_us: i64,
+    observed_us: Option<i64>,
+    /// Frames and time when the rate was last taken, and that rate.
+    counted: (u32, i64),
+    rate: I16F16,
+
+    state: State,
+    state_us: i64,
+    /// The state that people were last told of, and when.
+    told: (State, Option<i64>),
+    alerts: Alerts,
+    timers: [Timer; STREAMS.len()],
+    follow: Follow,
+    /// Link and index of a list of parameters that is under way.
+    listing: Option<(u8, usize)>,
 }
 
 impl Component {
     /// A component that has heard nothing yet.
     pub fn new(config: Config, parameters: Parameters, now_us: i64) -> Self {
-        let _ = now_us;
-        Self { config, parameters, counters: Counters::default() }
+        Self {
+            config,
+            parameters,
+            counters: Counters::default(),
+            outbox: heapless::Deque::new(),
+            events: heapless::Deque::new(),
+            started_us: now_us,
+            autopilot: None,
+            latched: None,
+            clock: Clock::default(),
+            timesync_us: None,
+            unix_offset_us: None,
+            vehicle: None,
+            yield_us: None,
+            traffic: heapless::Vec::new(),
+            seen: heapless::Vec::new(),
+            health: Health::default(),
+            frame_us: 0,
+            observed_us: None,
+            counted: (0, now_us),
+            rate: I16F16::ZERO,
+            state: State::Starting,
+            state_us: now_us,
+            told: (State::Starting, None),
+            alerts: Alerts::default(),
+            timers: [Timer::default(); STREAMS.len()],
+            follow: Follow { on: true, chosen: None },
+            listing: None,
+        }
     }
 
     /// Hears a frame that came over `link` and passed its checksum.
     pub fn receive(&mut self, link: u8, frame: &MAVLinkMessageRaw, trust: Trust, now_us: i64) {
-        let _ = (link, frame, trust, now_us);
+        let count = |counter: &mut u32| *counter = counter.saturating_add(1);
+        count(&mut self.counters.received);
+        if trust == Trust::Forged {
+            count(&mut self.counters.forged);
+            return;
+        }
+        let Ok(system) = u8::try_from(frame.system_id()) else { return };
+        let from = Sender { link, system, component: frame.component_id() };
+        let own = self.addressed(system, from.component).is_some_and(|(_, direct)| direct);
+        if system == 0 || own {
+            // Nobody, or what we sent ourselves.
+            return;
+        }
+        let trusted = trust != Trust::Unsigned;
+        let (id, version, payload) = (frame.message_id(), frame.version(), frame.payload());
+        let mut good = true;
+        match id {
+            HEARTBEAT_DATA::ID => self.hear_heartbeat(from, Fields(payload).byte(5), now_us),
+            ATTITUDE_DATA::ID
+            | ATTITUDE_QUATERNION_DATA::ID
+            | GLOBAL_POSITION_INT_DATA::ID
+            | SYSTEM_TIME_DATA::ID => {
+                if self.is_autopilot(from) {
+                    good = self.hear_vehicle(id, version, payload, now_us);
+                }
+            }
+            COLLISION_DATA::ID if self.is_autopilot(from) => self.yield_us = Some(now_us),
+            TIMESYNC_DATA::ID => match TIMESYNC_DATA::deser(version, payload) {
+                Ok(data) if self.is_for_us(data.target_system, data.target_component) => {
+                    self.hear_timesync(from, &data, now_us);
+                }
+                Ok(_) => {}
+                Err(_) => good = false,
+            },
+            COMMAND_LONG_DATA::ID | COMMAND_INT_DATA::ID => {
+                self.hear_command(from, payload, trusted, now_us);
+            }
+            PARAM_REQUEST_READ_DATA::ID | PARAM_REQUEST_LIST_DATA::ID | PARAM_SET_DATA::ID => {
+                self.hear_parameter(id, from, payload, trusted);
+            }
+            _ => {}
+        }
+        if !good {
+            count(&mut self.counters.malformed);
+        }
     }
 
-    /// Takes what was seen in the frame of `frame_time_us`. To be called for every frame that was finished, also when
-    /// nothing was seen: silence means stalled.
+    fn is_for_us(&self, system: u8, component: u8) -> bool {
+        self.addressed(system, component).is_some()
+    }
+
+    /// Takes what was seen in the frame of `frame_time_us`; at most [`MAX_TRAFFIC`] objects. To be called for every
+    /// frame that was finished, also when nothing was seen: silence means stalled.
     pub fn observe(
         &mut self,
         traffic: &[Traffic],
@@ -158,18 +296,59 @@ impl Component {
         frame_time_us: i64,
         now_us: i64,
     ) {
-        let _ = (traffic, health, frame_time_us, now_us);
+        self.health = health;
+        self.frame_us = frame_time_us;
+        self.observed_us = Some(now_us);
+        self.traffic.clear();
+        // Most urgent first, should there ever be too many.
+        for level in [Level::Warning, Level::Caution, Level::Traffic, Level::None] {
+            for object in traffic.iter().filter(|object| object.level == level) {
+                let _ = self.traffic.push(*object);
+            }
+        }
+        let traffic = &self.traffic;
+        self.seen.retain(|seen| traffic.iter().any(|object| object.id == seen.track));
+        for object in &self.traffic {
+            let threat = (object.level >= Level::Caution).then_some(now_us);
+            match self.seen.iter_mut().find(|seen| seen.track == object.id) {
+                Some(seen) => {
+                    if !object.coasting {
+                        seen.time_us = frame_time_us;
+                    }
+                    seen.threat_us = threat.or(seen.threat_us);
+                }
+                None => {
+                    let new = Seen { track: object.id, time_us: frame_time_us, threat_us: threat };
+                    let _ = self.seen.push(new);
+                }
+            }
+        }
+        if !self.parameters.is_on(Parameter::Text) {
+            return;
+        }
+        let interval = i64::from(self.parameters.get(Parameter::TextInterval).to_bits());
+        let interval_us = (interval * 1_000_000) >> 16;
+        for at in 0..self.traffic.len() {
+            if let Some(words) = self.alerts.due(&self.traffic[at], now_us, interval_us) {
+                self.say(Destination::All, self.config.component_id, true, &words);
+            }
+        }
     }
 
     /// The next message to be sent, if any; to be called until there is none, every 20 ms or so.
     pub fn poll(&mut self, now_us: i64) -> Option<Outgoing> {
-        let _ = now_us;
-        None
+        if self.outbox.is_empty() {
+            self.judge(now_us);
+            self.keep_autopilot(now_us);
+            self.stream(now_us);
+            self.list_parameters();
+        }
+        self.outbox.pop_front()
     }
 
     /// The next thing that happened, oldest first.
     pub fn event(&mut self) -> Option<Event> {
-        None
+        self.events.pop_front()
     }
 
     /// The parameters as they are now.
@@ -182,8 +361,72 @@ impl Component {
         self.counters
     }
 
+    /// How the lookout is.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The autopilot, while it is there.
+    pub fn autopilot(&self) -> Option<&Autopilot> {
+        self.autopilot.as_ref()
+    }
+
+    /// The vehicle's last known place.
+    pub fn vehicle(&self) -> Option<&Vehicle> {
+        self.vehicle.as_ref()
+    }
+
+    /// What is known of the autopilot's clock.
+    pub fn clock(&self) -> &Clock {
+        &self.clock
+    }
+
+    /// Time of day as the autopilot knows it, in microseconds since 1970.
+    pub fn unix_us(&self, now_us: i64) -> Option<i64> {
+        self.unix_offset_us.map(|offset| now_us.saturating_add(offset))
+    }
+
     /// Our system id now.
     pub fn system_id(&self) -> u8 {
-        self.config.system_id.unwrap_or(1)
+        self.config.system_id.or(self.latched).unwrap_or(1)
+    }
+
+    /// The objects that are watched; none after the frames have stopped.
+    fn objects(&self, now_us: i64) -> &[Traffic] {
+        let fresh = self
+            .observed_us
+            .is_some_and(|last| now_us.saturating_sub(last) <= self.config.stall_us);
+        if fresh { &self.traffic } else { &[] }
+    }
+
+    /// Milliseconds since our start.
+    fn boot_ms(&self, now_us: i64) -> u32 {
+        (now_us.saturating_sub(self.started_us).max(0) / 1000) as u32
+    }
+
+    fn say<D: MessageData>(&mut self, to: Destination, component: u8, urgent: bool, data: &D) {
+        self.queue(to, component, urgent, Payload::new(data));
+    }
+
+    fn queue(&mut self, to: Destination, component_id: u8, urgent: bool, payload: Payload) {
+        let system_id = self.system_id();
+        let message = Outgoing { to, urgent, system_id, component_id, payload };
+        if self.outbox.push_back(message).is_err() {
+            self.counters.overflow = self.counters.overflow.saturating_add(1);
+        }
+    }
+
+    /// Keeps an event. Of too many the oldest are lost; attitudes never displace others.
+    fn happened(&mut self, event: Event) {
+        if self.events.is_full() {
+            if matches!(event, Event::Attitude { .. }) {
+                return;
+            }
+            self.events.pop_front();
+        }
+        let _ = self.events.push_back(event);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,7 +4,14 @@
 //! C-cast (ArduPilot), are the same bytes, and no receiver can read them wrongly.
 //! Source: <https://mavlink.io/en/services/parameter.html>.
 
+use super::commands::Fields;
+use super::{Component, Destination, Event, Sender};
 use fixed::types::I16F16;
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::{
+    MavParamType, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_VALUE_DATA,
+};
+use mavlink::types::CharArray;
 
 /// A parameter. Its number is its index on the wire; the set never changes while the program runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -129,6 +136,80 @@ impl Parameters {
             self.values[parameter.index()] = value;
         }
         good
+    }
+}
+
+/// MAV_PARAM_TYPE_REAL32.
+const REAL32: u8 = 9;
+
+impl Component {
+    /// PARAM_REQUEST_READ, PARAM_REQUEST_LIST, PARAM_SET: read by hand, because PARAM_SET may bear any type.
+    pub(super) fn hear_parameter(&mut self, id: u32, from: Sender, payload: &[u8], trusted: bool) {
+        let fields = Fields(payload);
+        let target = match id {
+            PARAM_REQUEST_LIST_DATA::ID => 0,
+            PARAM_REQUEST_READ_DATA::ID => 2,
+            _ => 4,
+        };
+        let addressed = self.addressed(fields.byte(target), fields.byte(target + 1));
+        if addressed.is_none_or(|(component, _)| component != self.config.component_id) {
+            return;
+        }
+        let named = |at: usize| {
+            let name = fields.bytes::<16>(at);
+            let length = name.iter().position(|&c| c == 0).unwrap_or(name.len());
+            Parameter::from_name(&name[..length])
+        };
+        match id {
+            PARAM_REQUEST_LIST_DATA::ID => self.listing = Some((from.link, 0)),
+            PARAM_REQUEST_READ_DATA::ID => {
+                let index = i16::from_le_bytes(fields.bytes(0));
+                let parameter = match usize::try_from(index) {
+                    Ok(index) => Parameter::from_index(index),
+                    Err(_) => named(4),
+                };
+                if let Some(parameter) = parameter {
+                    self.tell_parameter(Destination::Link(from.link), parameter);
+                }
+            }
+            _ if !trusted => self.counters.refused = self.counters.refused.saturating_add(1),
+            _ => {
+                let Some(parameter) = named(6) else { return };
+                let before = self.parameters.wire(parameter);
+                let value = fields.float(0);
+                // A value of another type could be meant in two ways; it is not taken.
+                if fields.byte(22) == REAL32
+                    && self.parameters.set(parameter, value)
+                    && self.parameters.wire(parameter) != before
+                {
+                    self.happened(Event::Parameter(parameter));
+                }
+                // The value that holds now, taken or not; to all, for they all keep a copy.
+                self.tell_parameter(Destination::All, parameter);
+            }
+        }
+    }
+
+    /// Goes on with a list that was asked for, one parameter at a time.
+    pub(super) fn list_parameters(&mut self) {
+        let Some((link, index)) = self.listing else { return };
+        let Some(parameter) = Parameter::from_index(index) else {
+            self.listing = None;
+            return;
+        };
+        self.listing = Some((link, index + 1));
+        self.tell_parameter(Destination::Link(link), parameter);
+    }
+
+    fn tell_parameter(&mut self, to: Destination, parameter: Parameter) {
+        let data = PARAM_VALUE_DATA {
+            param_value: self.parameters.wire(parameter),
+            param_count: COUNT as u16,
+            param_index: parameter.index() as u16,
+            param_id: CharArray::from(parameter.name()),
+            param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
+        };
+        self.say(to, self.config.component_id, true, &data);
     }
 }
 

@@ -23,10 +23,10 @@ pub fn from_degrees_e7(degrees: i32) -> Angle {
     ((i64::from(degrees) << 32) / 3_600_000_000) as i32
 }
 
-/// An angle of radians in Q16.
-pub fn from_radians_q16(radians: i64) -> Angle {
+/// An angle of radians with `places` fraction bits.
+pub fn from_radians(radians: i64, places: u32) -> Angle {
     // 2^32 / (2 pi) = 683 565 275.6
-    ((i128::from(radians) * 683_565_276) >> 16) as i32
+    ((i128::from(radians) * 683_565_276) >> places) as i32
 }
 
 /// Hundredths of a degree, 0..36000, rounded.
@@ -115,7 +115,7 @@ mod tests {
         }
         assert_eq!(centidegrees(-1), 0);
         assert_eq!(centidegrees(from_degrees_e7(-900_000_000)), 27_000);
-        assert_eq!(centidegrees(from_radians_q16(102_944)), 9_000);
+        assert_eq!(centidegrees(from_radians(102_944, 16)), 9_000);
         assert_eq!(cos_sin(i32::MIN).0, -(1 << 30));
     }
 }

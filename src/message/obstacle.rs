@@ -40,7 +40,7 @@ pub fn distances(traffic: &[Traffic], max_cm: u16, time_us: i64) -> OBSTACLE_DIS
         let centimetres = (centimetres as u16).max(MIN_CM);
         let bearing = angle::atan2(object.body.y.to_bits().into(), object.body.x.to_bits().into());
         let sigma = i64::from(object.direction_sigma.to_bits()).clamp(0, 10_000);
-        let spread = 2 * i64::from(angle::from_radians_q16(sigma));
+        let spread = 2 * i64::from(angle::from_radians(sigma, 16));
         let bin = |angle: i64| (angle * BINS as i64 + (1 << 31)) >> 32;
         let bearing = i64::from(bearing);
         let middle = bin(bearing);

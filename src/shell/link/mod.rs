@@ -1,22 +1,47 @@
 //! Links to autopilots and ground stations: UDP, TCP, serial, several at once.
 //!
-//! Every link has a thread of its own that connects, reads, and connects again after a failure; a link that dies takes
-//! nothing else down. What is sent goes to all links, or to the one it is meant for; what arrives is not forwarded.
+//! Every link has a thread of its own that connects, reads and writes, and connects again after a failure, with growing
+//! pauses; a link that dies takes nothing else down. What is sent goes to all links, or to the one it is meant for; what
+//! arrives is not forwarded. Only MAVLink 2 is sent: MAVLink 1 would cut off the frame of OBSTACLE_DISTANCE.
 
+pub mod atomic;
+pub mod budget;
+pub mod params;
+mod queue;
+pub mod signing;
 pub mod spec;
+mod transport;
+mod worker;
 
 pub use spec::LinkSpec;
 
-use crate::component::{Outgoing, Trust};
-use mavlink::MAVLinkMessageRaw;
-use std::time::Duration;
+use crate::component::{Destination, Outgoing, Trust};
+use budget::Budget;
+use mavlink::{MAVLinkMessageRaw, consts};
+use signing::Signing;
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
 use std::vec::Vec;
+use worker::{Shared, Worker};
+
+/// Frames heard that wait to be taken; more are lost and counted.
+const HEARD: usize = 1024;
+
+/// Microseconds since this was first asked: a clock that never goes back.
+pub fn now_us() -> i64 {
+    static START: OnceLock<Instant> = OnceLock::new();
+    START.get_or_init(Instant::now).elapsed().as_micros() as i64
+}
 
 /// A frame that arrived.
 pub struct Inbound {
     /// Index of the link it came over.
     pub link: u8,
-    /// When it came, in microseconds of the links' clock.
+    /// When it came, by [`now_us`].
     pub time_us: i64,
     /// What its signature is worth.
     pub trust: Trust,
@@ -24,32 +49,153 @@ pub struct Inbound {
     pub frame: MAVLinkMessageRaw,
 }
 
-/// The open links.
-#[derive(Debug)]
+/// How a link fares.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LinkStatus {
+    /// Whether it is open. A UDP link is open also while nobody is there.
+    pub connected: bool,
+    /// How often it was opened.
+    pub opened: u32,
+    /// Frames given to it.
+    pub sent: u32,
+    /// Frames left out for its budget.
+    pub capped: u32,
+    /// Frames that waited too long, or while it was away.
+    pub dropped: u32,
+    /// Frames heard that found no room.
+    pub unheard: u32,
+}
+
+struct Link {
+    spec: LinkSpec,
+    shared: Arc<Shared>,
+    budget: Budget,
+    /// The next sequence number of each component that speaks.
+    sequences: HashMap<u8, u8>,
+    sent: u32,
+    capped: u32,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// The open links; dropped, their threads end.
 pub struct Links {
-    specs: Vec<LinkSpec>,
+    links: Vec<Link>,
+    inbound: Receiver<Inbound>,
+    signing: Option<Arc<Mutex<Signing>>>,
+    stop: Arc<AtomicBool>,
 }
 
 impl Links {
-    /// Starts a thread for every link. A link that cannot connect yet is tried again and again.
+    /// Starts a thread for every link, at most 255. A link that cannot connect yet is tried again and again.
     pub fn open(specs: &[LinkSpec]) -> Self {
-        Self { specs: specs.to_vec() }
+        Self::open_signed(specs, None)
     }
 
-    /// Sends `message` where it is to go. Never waits: a full queue loses its oldest frame and counts it. Gives the
-    /// frame that was sent, for a log.
+    /// The same; with `signing` every frame sent is signed, and those heard are judged by their signatures.
+    pub fn open_signed(specs: &[LinkSpec], signing: Option<Signing>) -> Self {
+        let (sender, inbound) = sync_channel(HEARD);
+        let stop = Arc::new(AtomicBool::new(false));
+        let signing = signing.map(|signing| Arc::new(Mutex::new(signing)));
+        let mut links = Vec::new();
+        for (index, spec) in (0..u8::MAX).zip(specs) {
+            let shared = Arc::<Shared>::default();
+            let worker = Worker {
+                index,
+                spec: spec.clone(),
+                shared: shared.clone(),
+                stop: stop.clone(),
+                signing: signing.clone(),
+                inbound: sender.clone(),
+            };
+            let name = std::format!("link {index}");
+            let thread = thread::Builder::new().name(name).spawn(move || worker.run());
+            if let Err(error) = &thread {
+                tracing::error!("link {spec}: no thread for it: {error}");
+            }
+            links.push(Link {
+                spec: spec.clone(),
+                shared,
+                budget: Budget::new(spec.bytes_per_second),
+                sequences: HashMap::new(),
+                sent: 0,
+                capped: 0,
+                thread: thread.ok(),
+            });
+        }
+        Self { links, inbound, signing, stop }
+    }
+
+    /// Sends `message` where it is to go. Never waits for a link: what goes beyond a link's budget is left out unless
+    /// urgent, and a full queue loses its oldest frame; both are counted.
     pub fn send(&mut self, message: &Outgoing, now_us: i64) {
-        let _ = (message, now_us);
+        for (index, link) in (0..u8::MAX).zip(&mut self.links) {
+            if !matches!(message.to, Destination::All) && message.to != Destination::Link(index) {
+                continue;
+            }
+            let signature = if self.signing.is_some() { consts::v2::SIGNATURE_SIZE } else { 0 };
+            let bytes = message.payload.frame_len() + signature;
+            if !link.budget.take(bytes, now_us, message.urgent) {
+                link.capped = link.capped.saturating_add(1);
+                continue;
+            }
+            let sequence = link.sequences.entry(message.component_id).or_default();
+            let mut frame = message.payload.frame(
+                message.system_id,
+                message.component_id,
+                *sequence,
+                self.signing.is_some(),
+            );
+            if let Some(signing) = &self.signing {
+                let mut signing = signing.lock().unwrap_or_else(PoisonError::into_inner);
+                if let Err(error) = signing.sign(&mut frame, index, signing::clock()) {
+                    tracing::error!("the signing time cannot be kept, nothing is sent: {error}");
+                    continue;
+                }
+            }
+            *sequence = sequence.wrapping_add(1);
+            link.sent = link.sent.saturating_add(1);
+            link.shared.queue.push(frame.raw_bytes());
+        }
     }
 
     /// The next frame that arrived, waiting at most `timeout` for it.
     pub fn receive(&mut self, timeout: Duration) -> Option<Inbound> {
-        let _ = timeout;
-        None
+        match self.inbound.recv_timeout(timeout) {
+            Ok(inbound) => Some(inbound),
+            Err(RecvTimeoutError::Timeout) => None,
+            // No thread lives: the caller's loop shall not become a busy one.
+            Err(RecvTimeoutError::Disconnected) => {
+                thread::sleep(timeout);
+                None
+            }
+        }
     }
 
     /// The links as they were asked for.
-    pub fn specs(&self) -> &[LinkSpec] {
-        &self.specs
+    pub fn specs(&self) -> impl Iterator<Item = &LinkSpec> {
+        self.links.iter().map(|link| &link.spec)
+    }
+
+    /// How a link fares; nothing of a link there is not.
+    pub fn status(&self, link: u8) -> LinkStatus {
+        let Some(link) = self.links.get(usize::from(link)) else { return LinkStatus::default() };
+        LinkStatus {
+            connected: link.shared.connected.load(Ordering::Relaxed),
+            opened: link.shared.opened.load(Ordering::Relaxed),
+            sent: link.sent,
+            capped: link.capped,
+            dropped: link.shared.queue.dropped(),
+            unheard: link.shared.unheard.load(Ordering::Relaxed),
+        }
+    }
+}
+
+impl Drop for Links {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        for thread in self.links.iter_mut().filter_map(|link| link.thread.take()) {
+            // A thread that panicked has said so.
+            let _ = thread.join();
+        }
     }
 }

@@ -1,0 +1,314 @@
+//! The autopilot: who it is, whether it is there, and what it says of the vehicle.
+
+use super::clock::Clock;
+use super::{Component, Destination, Event, Sender};
+use crate::message::{Payload, Vehicle, angle};
+use fixed::types::{I2F30, I8F24};
+use mavlink::dialects::ardupilotmega::{
+    ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, MavCmd,
+    SYSTEM_TIME_DATA, TIMESYNC_DATA,
+};
+use mavlink::{MavlinkVersion, MessageData};
+
+/// MAV_AUTOPILOT_INVALID: not an autopilot.
+const NO_AUTOPILOT: u8 = 8;
+
+/// Without a heartbeat for so long the autopilot is lost: five missed.
+const LOST_US: i64 = 5_000_000;
+
+/// Without one for so long another autopilot takes its place, as after a restart with another system id.
+const SILENT_US: i64 = 2_500_000;
+
+/// Messages may overtake one another by this much without meaning a restart.
+const RESTART_MS: u32 = 2_000;
+
+/// An attitude or position older than this is asked for again.
+const STALE_US: i64 = 1_500_000;
+
+/// Time between two askings.
+const ASK_US: i64 = 5_000_000;
+
+/// The autopilot we belong to.
+#[derive(Debug, Clone, Copy)]
+pub struct Autopilot {
+    /// Its system id.
+    pub system_id: u8,
+    /// Its component id.
+    pub component_id: u8,
+    /// Its MAV_AUTOPILOT: 3 ArduPilot, 12 PX4.
+    pub kind: u8,
+    /// The link it is heard over.
+    pub link: u8,
+    heartbeat_us: i64,
+    boot_ms: Option<u32>,
+    quaternion_us: Option<i64>,
+    attitude_us: Option<i64>,
+    position_us: Option<i64>,
+    asked_us: Option<i64>,
+}
+
+fn silent(since: Option<i64>, now_us: i64, limit_us: i64) -> bool {
+    since.is_none_or(|since| now_us.saturating_sub(since) > limit_us)
+}
+
+impl Component {
+    /// HEARTBEAT: read by hand, because it may bear types that are younger than this program.
+    pub(super) fn hear_heartbeat(&mut self, from: Sender, kind: u8, now_us: i64) {
+        if kind == NO_AUTOPILOT || self.config.system_id.is_some_and(|own| own != from.system) {
+            return;
+        }
+        if let Some(own) = &mut self.autopilot {
+            let silence = now_us.saturating_sub(own.heartbeat_us);
+            if (own.system_id, own.component_id) == (from.system, from.component) {
+                // Heard over several links: the first one, while it works.
+                if own.link == from.link || silence > SILENT_US {
+                    own.link = from.link;
+                    own.heartbeat_us = now_us;
+                    own.kind = kind;
+                }
+                return;
+            }
+            if silence <= SILENT_US {
+                return;
+            }
+        }
+        self.autopilot = Some(Autopilot {
+            system_id: from.system,
+            component_id: from.component,
+            kind,
+            link: from.link,
+            heartbeat_us: now_us,
+            boot_ms: None,
+            quaternion_us: None,
+            attitude_us: None,
+            position_us: None,
+            asked_us: None,
+        });
+        self.forget_flight();
+        self.latched = Some(from.system);
+        self.happened(Event::Found { system_id: from.system, autopilot: kind });
+    }
+
+    fn forget_flight(&mut self) {
+        self.clock = Clock::default();
+        self.vehicle = None;
+        self.unix_offset_us = None;
+    }
+
+    /// Whether `from` is our autopilot.
+    pub(super) fn is_autopilot(&self, from: Sender) -> bool {
+        self.autopilot
+            .is_some_and(|own| (own.system_id, own.component_id) == (from.system, from.component))
+    }
+
+    /// Notes the autopilot's time since boot; a fall is a restart.
+    fn hear_boot_time(&mut self, boot_ms: u32) {
+        let Some(own) = &mut self.autopilot else { return };
+        let restarted = own.boot_ms.is_some_and(|last| boot_ms < last.saturating_sub(RESTART_MS));
+        if restarted {
+            own.asked_us = None;
+            own.quaternion_us = None;
+            own.attitude_us = None;
+            own.position_us = None;
+        }
+        let latest = own.boot_ms.map_or(boot_ms, |last| last.max(boot_ms));
+        own.boot_ms = Some(if restarted { boot_ms } else { latest });
+        if restarted {
+            self.forget_flight();
+            self.happened(Event::Restarted);
+        }
+    }
+
+    /// A message of our autopilot about the vehicle. `false` where it does not hold what its number says.
+    pub(super) fn hear_vehicle(
+        &mut self,
+        id: u32,
+        version: MavlinkVersion,
+        payload: &[u8],
+        now_us: i64,
+    ) -> bool {
+        match id {
+            ATTITUDE_QUATERNION_DATA::ID => {
+                let Ok(data) = ATTITUDE_QUATERNION_DATA::deser(version, payload) else {
+                    return false;
+                };
+                let Some(quaternion) = quaternion([data.q1, data.q2, data.q3, data.q4]) else {
+                    return false;
+                };
+                self.hear_boot_time(data.time_boot_ms);
+                if let Some(own) = &mut self.autopilot {
+                    own.quaternion_us = Some(now_us);
+                }
+                self.hear_attitude(quaternion, data.time_boot_ms, now_us);
+            }
+            ATTITUDE_DATA::ID => {
+                let Ok(data) = ATTITUDE_DATA::deser(version, payload) else { return false };
+                let Some(quaternion) = from_euler([data.roll, data.pitch, data.yaw]) else {
+                    return false;
+                };
+                self.hear_boot_time(data.time_boot_ms);
+                // Both kinds tell the same; one is enough.
+                if self.autopilot.is_some_and(|own| silent(own.quaternion_us, now_us, STALE_US)) {
+                    self.hear_attitude(quaternion, data.time_boot_ms, now_us);
+                }
+            }
+            GLOBAL_POSITION_INT_DATA::ID => {
+                let Ok(data) = GLOBAL_POSITION_INT_DATA::deser(version, payload) else {
+                    return false;
+                };
+                self.hear_boot_time(data.time_boot_ms);
+                if let Some(own) = &mut self.autopilot {
+                    own.position_us = Some(now_us);
+                }
+                // Zero by zero is what autopilots say before they have a position.
+                let good = (data.lat, data.lon) != (0, 0)
+                    && (-900_000_000..=900_000_000).contains(&data.lat)
+                    && (-1_800_000_000..=1_800_000_000).contains(&data.lon);
+                self.vehicle = good.then_some(Vehicle {
+                    latitude: data.lat,
+                    longitude: data.lon,
+                    altitude: data.alt,
+                    velocity: [data.vx, data.vy, data.vz],
+                    time_us: now_us,
+                });
+            }
+            SYSTEM_TIME_DATA::ID => {
+                let Ok(data) = SYSTEM_TIME_DATA::deser(version, payload) else { return false };
+                self.hear_boot_time(data.time_boot_ms);
+                let unix = i64::try_from(data.time_unix_usec).ok().filter(|&unix| unix > 0);
+                self.unix_offset_us = unix.map(|unix| unix.saturating_sub(now_us));
+            }
+            _ => {}
+        }
+        true
+    }
+
+    fn hear_attitude(&mut self, quaternion: [i32; 4], boot_ms: u32, now_us: i64) {
+        if let Some(own) = &mut self.autopilot {
+            own.attitude_us = Some(now_us);
+        }
+        let time_us = self.clock.local_us(boot_ms, now_us);
+        self.happened(Event::Attitude { time_us, quaternion });
+    }
+
+    /// TIMESYNC: answers a question, takes an answer to ours.
+    pub(super) fn hear_timesync(&mut self, from: Sender, data: &TIMESYNC_DATA, now_us: i64) {
+        if data.tc1 != 0 {
+            // ArduPilot's answers bear no target: that the question was ours is what counts.
+            if self.is_autopilot(from) {
+                self.clock.answer(data.tc1, data.ts1, now_us);
+            }
+            return;
+        }
+        let answer = TIMESYNC_DATA {
+            tc1: now_us.saturating_mul(1000),
+            ts1: data.ts1,
+            target_system: from.system,
+            target_component: from.component,
+        };
+        self.say(Destination::Link(from.link), self.config.component_id, true, &answer);
+    }
+
+    /// Whether the autopilot is still there, and what it is to be asked.
+    pub(super) fn keep_autopilot(&mut self, now_us: i64) {
+        let Some(own) = self.autopilot else { return };
+        if now_us.saturating_sub(own.heartbeat_us) > LOST_US {
+            self.autopilot = None;
+            self.forget_flight();
+            self.happened(Event::Lost);
+            return;
+        }
+        let to = Destination::Link(own.link);
+        let trips = self.clock.trips();
+        let interval = if trips < 10 { 200_000 } else { 1_000_000 };
+        if silent(self.timesync_us, now_us, interval - 1) {
+            self.timesync_us = Some(now_us);
+            self.clock.ask(now_us);
+            let question = TIMESYNC_DATA {
+                tc1: 0,
+                ts1: now_us.saturating_mul(1000),
+                target_system: own.system_id,
+                target_component: own.component_id,
+            };
+            self.say(to, self.config.component_id, true, &question);
+        }
+        let missing = silent(own.attitude_us, now_us, STALE_US)
+            || silent(own.position_us, now_us, 2 * STALE_US);
+        if missing && silent(own.asked_us, now_us, ASK_US) {
+            // The older attitude only where the first question gave no newer one.
+            let again = own.asked_us.is_some() && silent(own.quaternion_us, now_us, STALE_US);
+            let attitude = u32::from(self.config.attitude_hz);
+            let position = u32::from(self.config.position_hz);
+            self.ask_for(&own, ATTITUDE_QUATERNION_DATA::ID, attitude);
+            if again {
+                self.ask_for(&own, ATTITUDE_DATA::ID, attitude);
+            }
+            self.ask_for(&own, GLOBAL_POSITION_INT_DATA::ID, position);
+            self.ask_for(&own, SYSTEM_TIME_DATA::ID, position.min(1));
+            if let Some(own) = &mut self.autopilot {
+                own.asked_us = Some(now_us);
+            }
+        }
+    }
+
+    /// Asks for a message so many times a second; 0 asks for nothing.
+    fn ask_for(&mut self, autopilot: &Autopilot, id: u32, hertz: u32) {
+        let Some(interval) = 1_000_000u32.checked_div(hertz) else { return };
+        // Numbers below 2^24 are whole in an f32.
+        let number = |n: u32| fixed::types::U32F0::from_bits(n).to_num::<f32>();
+        let command = COMMAND_LONG_DATA {
+            param1: number(id),
+            param2: number(interval),
+            param3: 0.0,
+            param4: 0.0,
+            param5: 0.0,
+            param6: 0.0,
+            param7: 0.0,
+            command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
+            target_system: autopilot.system_id,
+            target_component: autopilot.component_id,
+            confirmation: 0,
+        };
+        let to = Destination::Link(autopilot.link);
+        self.queue(to, self.config.component_id, true, Payload::new(&command));
+    }
+}
+
+/// A unit quaternion in Q30; `None` for one that is far from unit length.
+fn quaternion(wire: [f32; 4]) -> Option<[i32; 4]> {
+    let mut bits = [0i64; 4];
+    for (bits, &value) in bits.iter_mut().zip(&wire) {
+        *bits = I2F30::checked_from_num(value)?.to_bits().into();
+    }
+    unit(bits)
+}
+
+/// Source: Euler angles yaw, pitch, roll in this order, as ATTITUDE has them.
+fn from_euler(wire: [f32; 3]) -> Option<[i32; 4]> {
+    let mut halves = [(0i64, 0i64); 3];
+    for (half, &value) in halves.iter_mut().zip(&wire) {
+        let radians = i64::from(I8F24::checked_from_num(value)?.to_bits());
+        // Nine places further: eight from Q24 to Q16, one for half of the angle.
+        let (cos, sin) = angle::cos_sin(angle::from_radians(radians, 25));
+        *half = (cos.into(), sin.into());
+    }
+    let [(cr, sr), (cp, sp), (cy, sy)] = halves;
+    let product = |a: i64, b: i64, c: i64| (((a * b) >> 30) * c) >> 30;
+    unit([
+        product(cr, cp, cy) + product(sr, sp, sy),
+        product(sr, cp, cy) - product(cr, sp, sy),
+        product(cr, sp, cy) + product(sr, cp, sy),
+        product(cr, cp, sy) - product(sr, sp, cy),
+    ])
+}
+
+/// A Q30 quaternion brought to unit length.
+fn unit(bits: [i64; 4]) -> Option<[i32; 4]> {
+    let length: u128 = bits.iter().map(|b| u128::from(b.unsigned_abs()).pow(2)).sum();
+    let length = length.isqrt() as i64;
+    let one = 1i64 << 30;
+    if !(one * 9 / 10..=one * 11 / 10).contains(&length) {
+        return None;
+    }
+    Some(bits.map(|b| ((b << 30) / length) as i32))
+}

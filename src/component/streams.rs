@@ -1,0 +1,289 @@
+//! What is sent again and again, and when.
+
+use super::parameters::Parameter;
+use super::{Component, Destination};
+use crate::message::{self, Payload, adsb, obstacle, status};
+use crate::traffic::{Level, Traffic};
+use fixed::types::I16F16;
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::{
+    ADSB_VEHICLE_DATA, CAMERA_TRACKING_IMAGE_STATUS_DATA, COLLISION_DATA, HEARTBEAT_DATA,
+    NAMED_VALUE_FLOAT_DATA, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA,
+};
+
+/// MAV_AUTOPILOT_ARDUPILOTMEGA.
+const ARDUPILOT: u8 = 3;
+
+/// A position of the vehicle older than this puts nothing on the map.
+const POSITION_US: i64 = 2_000_000;
+
+/// After a threat is over its COLLISION goes on this long, to show that it is.
+const CLEARING_US: i64 = 5_000_000;
+
+/// While the autopilot sent its own COLLISION of late, ours are not sent.
+const YIELD_US: i64 = 10_000_000;
+
+/// The shortest interval that can be asked for, in microseconds.
+const SHORTEST_US: i64 = 50_000;
+
+/// A message that is sent regularly.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stream {
+    Heartbeat,
+    Adsb,
+    Proximity,
+    Collision,
+    Health,
+    Image,
+}
+
+pub(super) const STREAMS: [Stream; 6] = [
+    Stream::Heartbeat,
+    Stream::Adsb,
+    Stream::Proximity,
+    Stream::Collision,
+    Stream::Health,
+    Stream::Image,
+];
+
+/// When a stream was last sent, and how often it is to be.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Timer {
+    next_us: Option<i64>,
+    /// As SET_MESSAGE_INTERVAL wants it: `Some(None)` for not at all.
+    wanted_us: Option<Option<i64>>,
+}
+
+/// When an object was last really seen, and when it was last a threat.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen {
+    pub track: u16,
+    pub time_us: i64,
+    pub threat_us: Option<i64>,
+}
+
+impl Component {
+    /// The stream that sends the message `id`, if it may: one that the parameters leave out cannot be asked for.
+    pub(super) fn stream_of(&self, id: u32) -> Option<Stream> {
+        let on = |parameter| self.parameters.is_on(parameter);
+        let proximity = self.parameters.get(Parameter::Proximity);
+        let stream = match id {
+            HEARTBEAT_DATA::ID => Stream::Heartbeat,
+            ADSB_VEHICLE_DATA::ID if on(Parameter::AdsbRate) => Stream::Adsb,
+            OBSTACLE_DISTANCE_DATA::ID if proximity == 1 => Stream::Proximity,
+            OBSTACLE_DISTANCE_3D_DATA::ID if proximity == 2 => Stream::Proximity,
+            COLLISION_DATA::ID if on(Parameter::Collision) => Stream::Collision,
+            NAMED_VALUE_FLOAT_DATA::ID if on(Parameter::Health) => Stream::Health,
+            CAMERA_TRACKING_IMAGE_STATUS_DATA::ID if self.config.camera.is_some() => Stream::Image,
+            _ => return None,
+        };
+        Some(stream)
+    }
+
+    /// Time between two of a stream in microseconds; `None` where it is off.
+    pub(super) fn interval_us(&self, stream: Stream) -> Option<i64> {
+        let rate = |parameter| {
+            let bits = i64::from(self.parameters.get(parameter).to_bits());
+            (1_000_000i64 << 16).checked_div(bits)
+        };
+        let second = |parameter| self.parameters.is_on(parameter).then_some(1_000_000);
+        let default = match stream {
+            Stream::Heartbeat => Some(1_000_000),
+            Stream::Adsb => rate(Parameter::AdsbRate),
+            Stream::Proximity => {
+                let on = self.parameters.is_on(Parameter::Proximity);
+                rate(Parameter::ProximityRate).filter(|_| on)
+            }
+            Stream::Collision => second(Parameter::Collision),
+            Stream::Health => second(Parameter::Health),
+            Stream::Image => self.config.camera.map(|_| 200_000),
+        };
+        match self.timers[stream as usize].wanted_us {
+            Some(wanted) => default.and(wanted),
+            None => default,
+        }
+    }
+
+    /// Takes the interval of SET_MESSAGE_INTERVAL: 0 the default, negative off. The heartbeat cannot be changed.
+    pub(super) fn want_interval(&mut self, stream: Stream, interval_us: i64) -> bool {
+        if stream == Stream::Heartbeat {
+            return false;
+        }
+        let timer = &mut self.timers[stream as usize];
+        timer.wanted_us = match interval_us {
+            0 => None,
+            ..0 => Some(None),
+            _ => Some(Some(interval_us.max(SHORTEST_US))),
+        };
+        timer.next_us = None;
+        true
+    }
+
+    /// Queues what is due.
+    pub(super) fn stream(&mut self, now_us: i64) {
+        for stream in STREAMS {
+            let Some(interval) = self.interval_us(stream) else { continue };
+            let timer = &mut self.timers[stream as usize];
+            let next = timer.next_us.unwrap_or(now_us);
+            if now_us >= next {
+                // Keeps its rate over late polls, but makes up for no gap.
+                let following = next.saturating_add(interval);
+                timer.next_us =
+                    Some(if following <= now_us { now_us + interval } else { following });
+                self.send_stream(stream, now_us);
+            }
+        }
+    }
+
+    /// Queues one round of a stream now.
+    pub(super) fn send_stream(&mut self, stream: Stream, now_us: i64) {
+        let main = self.config.component_id;
+        let all = Destination::All;
+        let boot_ms = self.boot_ms(now_us);
+        let state = self.state;
+        match stream {
+            Stream::Heartbeat => {
+                self.say(all, main, true, &status::heartbeat(state));
+                if let Some(camera) = self.config.camera {
+                    self.say(all, camera.component_id, true, &status::camera_heartbeat(state));
+                }
+            }
+            Stream::Adsb => {
+                let Some(own) = self.vehicle else { return };
+                if now_us.saturating_sub(own.time_us) > POSITION_US {
+                    return;
+                }
+                self.each_object(now_us, |object, seen| {
+                    let age = seen.map_or(0, |seen| now_us.saturating_sub(seen.time_us));
+                    let seconds = (age / 1_000_000).clamp(0, 255) as u8;
+                    adsb::vehicle(object, &own, seconds).map(|data| Payload::new(&data))
+                });
+            }
+            Stream::Proximity => self.send_proximity(now_us),
+            Stream::Collision => {
+                if self.yield_us.is_some_and(|last| now_us.saturating_sub(last) < YIELD_US) {
+                    return;
+                }
+                self.each_object(now_us, |object, seen| {
+                    let since = seen.and_then(|seen| seen.threat_us);
+                    let threat = object.level >= Level::Caution
+                        || since.is_some_and(|us| now_us.saturating_sub(us) < CLEARING_US);
+                    let data = adsb::collision(object).filter(|_| threat);
+                    data.map(|data| Payload::new(&data))
+                });
+            }
+            Stream::Health => {
+                let (frames, since_us) = self.counted;
+                let span = now_us.saturating_sub(since_us);
+                if span > 0 {
+                    let new = i64::from(self.health.frames.wrapping_sub(frames));
+                    let rate = (new * 1_000_000) << 16;
+                    self.rate = I16F16::from_bits((rate / span).clamp(0, i32::MAX.into()) as i32);
+                    self.counted = (self.health.frames, now_us);
+                }
+                let tracks = self.objects(now_us).iter().filter(|t| t.confirmed).count();
+                for value in status::health(&self.health, self.rate, tracks, boot_ms) {
+                    self.say(all, main, false, &value);
+                }
+            }
+            Stream::Image => {
+                let Some(camera) = self.config.camera.filter(|_| self.follow.on) else { return };
+                let target = self.target(now_us);
+                let data = status::image(target.as_ref(), camera.width, camera.height);
+                self.say(all, camera.component_id, false, &data);
+            }
+        }
+    }
+
+    /// Queues what `message` makes of each object that is watched now.
+    fn each_object(
+        &mut self,
+        now_us: i64,
+        message: impl Fn(&Traffic, Option<Seen>) -> Option<Payload>,
+    ) {
+        for at in 0..self.objects(now_us).len() {
+            let object = self.traffic[at];
+            let seen = self.seen.iter().find(|seen| seen.track == object.id).copied();
+            if let Some(payload) = message(&object, seen) {
+                self.queue(Destination::All, self.config.component_id, false, payload);
+            }
+        }
+    }
+
+    /// OBSTACLE_DISTANCE or OBSTACLE_DISTANCE_3D, for the autopilot alone; regularly, also of nothing. Not while the
+    /// lookout sees nothing: the autopilot then takes it for a lost sensor, which it is.
+    fn send_proximity(&mut self, now_us: i64) {
+        let Some(autopilot) = self.autopilot else { return };
+        if self.state != status::State::Watching {
+            return;
+        }
+        let to = Destination::Link(autopilot.link);
+        let main = self.config.component_id;
+        let metres = self.parameters.get(Parameter::ProximityMax);
+        let max_cm = (metres.to_num::<i64>() * 100).clamp(0, 65_534) as u16;
+        if self.parameters.get(Parameter::Proximity) == 1 {
+            let data = obstacle::distances(self.objects(now_us), max_cm, self.frame_us);
+            self.say(to, main, false, &data);
+        } else if autopilot.kind == ARDUPILOT {
+            let boot_ms = self.boot_ms(now_us);
+            let mut any = false;
+            for at in 0..self.objects(now_us).len() {
+                if let Some(data) = obstacle::point(&self.traffic[at], max_cm, boot_ms) {
+                    any = true;
+                    self.say(to, main, false, &data);
+                }
+            }
+            if !any {
+                self.say(to, main, false, &obstacle::nothing(max_cm, boot_ms));
+            }
+        }
+    }
+
+    /// The object the box on the video is for: the one that was asked for, or the most urgent, then the nearest.
+    pub(super) fn target(&self, now_us: i64) -> Option<Traffic> {
+        let objects = self.objects(now_us).iter().filter(|object| object.confirmed);
+        let chosen = objects.clone().find(|object| self.follow.chosen == Some(object.id));
+        let distance = |object: &Traffic| object.range.map_or(i32::MAX, |r| r.value.to_bits());
+        let urgent = objects.max_by_key(|object| {
+            (object.level, core::cmp::Reverse(distance(object)), core::cmp::Reverse(object.id))
+        });
+        chosen.or(urgent).copied()
+    }
+
+    /// The state the heartbeat tells, by when frames were finished and what they showed.
+    pub(super) fn judge(&mut self, now_us: i64) {
+        let state = match self.observed_us {
+            None => status::State::Starting,
+            Some(last) if now_us.saturating_sub(last) > self.config.stall_us => {
+                status::State::Stalled
+            }
+            Some(_) if self.health.blind.any() => status::State::Blind(self.health.blind),
+            Some(_) => status::State::Watching,
+        };
+        if state != self.state {
+            self.state = state;
+            self.state_us = now_us;
+            // Others learn it now, not at the next second.
+            self.send_stream(Stream::Heartbeat, now_us);
+            self.timers[Stream::Heartbeat as usize].next_us = Some(now_us + 1_000_000);
+        }
+        self.tell_sight(now_us);
+    }
+
+    /// A text where the lookout sees nothing, or sees again, once that has lasted a second; at most one in ten.
+    fn tell_sight(&mut self, now_us: i64) {
+        let (told, told_us) = self.told;
+        let settled = now_us.saturating_sub(self.state_us) >= 1_000_000;
+        let quiet = told_us.is_none_or(|last| now_us.saturating_sub(last) >= 10_000_000);
+        if self.state == told || !settled || !quiet || !self.parameters.is_on(Parameter::Text) {
+            return;
+        }
+        let blind = match self.state {
+            status::State::Blind(reasons) => reasons,
+            _ => message::Blind::NO,
+        };
+        let words = message::text::sight(self.state == status::State::Stalled, blind);
+        self.say(Destination::All, self.config.component_id, true, &words);
+        self.told = (self.state, Some(now_us));
+    }
+}
