@@ -38,6 +38,7 @@
 //!   scores and trained models out.
 //! - `rayon` (default, implies `std`): levels of the pyramid and the trainer's work on all processors. The results are
 //!   those of one thread, byte for byte.
+//! - `embedded` (excludes `std`): `message` and `component`, the MAVLink side, for a board without an operating system.
 //!
 //! # Layers, from the top down
 //! A module uses modules of lower levels only; a test checks it.

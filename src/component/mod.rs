@@ -191,7 +191,7 @@ pub struct Component {
 
     state: State,
     state_us: i64,
-    /// The state that people were last told of, and when.
+    /// The state that people were last told of, and when they last had bad news.
     told: (State, Option<i64>),
     alerts: Alerts,
     timers: [Timer; STREAMS.len()],
@@ -257,10 +257,10 @@ impl Component {
             ATTITUDE_DATA::ID
             | ATTITUDE_QUATERNION_DATA::ID
             | GLOBAL_POSITION_INT_DATA::ID
-            | SYSTEM_TIME_DATA::ID => {
-                if self.is_autopilot(from) {
-                    good = self.hear_vehicle(id, version, payload, now_us);
-                }
+            | SYSTEM_TIME_DATA::ID
+                if self.is_autopilot(from) =>
+            {
+                good = self.hear_vehicle(id, version, payload, now_us);
             }
             COLLISION_DATA::ID if self.is_autopilot(from) => self.yield_us = Some(now_us),
             TIMESYNC_DATA::ID => match TIMESYNC_DATA::deser(version, payload) {

@@ -270,12 +270,14 @@ impl Component {
         self.tell_sight(now_us);
     }
 
-    /// A text where the lookout sees nothing, or sees again, once that has lasted a second; at most one in ten.
+    /// A text where the lookout sees nothing, at most one in ten seconds, or sees again. Only what has lasted counts.
     fn tell_sight(&mut self, now_us: i64) {
-        let (told, told_us) = self.told;
-        let settled = now_us.saturating_sub(self.state_us) >= 1_000_000;
-        let quiet = told_us.is_none_or(|last| now_us.saturating_sub(last) >= 10_000_000);
-        if self.state == told || !settled || !quiet || !self.parameters.is_on(Parameter::Text) {
+        let (told, bad_us) = self.told;
+        let good = self.state == status::State::Watching;
+        let lasted =
+            now_us.saturating_sub(self.state_us) >= if good { 3_000_000 } else { 1_000_000 };
+        let quiet = good || bad_us.is_none_or(|last| now_us.saturating_sub(last) >= 10_000_000);
+        if self.state == told || !lasted || !quiet || !self.parameters.is_on(Parameter::Text) {
             return;
         }
         let blind = match self.state {
@@ -284,6 +286,6 @@ impl Component {
         };
         let words = message::text::sight(self.state == status::State::Stalled, blind);
         self.say(Destination::All, self.config.component_id, true, &words);
-        self.told = (self.state, Some(now_us));
+        self.told = (self.state, if good { bad_us } else { Some(now_us) });
     }
 }

@@ -248,7 +248,7 @@ mod tests {
     fn health_has_names_of_ten_letters() {
         let values =
             health(&Health { dropped: 7, ..Health::default() }, I16F16::from_num(26.5), 2, 9);
-        assert_eq!(values.map(|v| v.value), [26.5, 7.0, 0.0, 2.0, 0.0]);
+        assert_eq!(values.each_ref().map(|v| v.value), [26.5, 7.0, 0.0, 2.0, 0.0]);
         assert!(values.iter().all(|v| v.name.to_str().unwrap().len() < 10));
     }
 

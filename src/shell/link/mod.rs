@@ -199,3 +199,6 @@ impl Drop for Links {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

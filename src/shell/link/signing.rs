@@ -42,6 +42,26 @@ pub fn clock() -> u64 {
     (unix.saturating_sub(EPOCH_US) / 10).min(LAST.into()) as u64
 }
 
+/// Reads a key: 64 hexadecimal digits in a text file.
+///
+/// # Errors
+/// The system's, and where the file holds something else.
+pub fn read_key(path: &Path) -> io::Result<[u8; 32]> {
+    let text = fs::read_to_string(path)?;
+    let digits = text.trim().as_bytes();
+    let mut key = [0; 32];
+    let mut good = digits.len() == 64;
+    for (byte, pair) in key.iter_mut().zip(digits.chunks_exact(2)) {
+        let digit = |c: u8| char::from(c).to_digit(16);
+        match (digit(pair[0]), digit(pair[1])) {
+            (Some(high), Some(low)) => *byte = (high * 16 + low) as u8,
+            _ => good = false,
+        }
+    }
+    let reason = "holds no key; write 64 hexadecimal digits into it";
+    if good { Ok(key) } else { Err(io::Error::new(io::ErrorKind::InvalidData, reason)) }
+}
+
 impl Signing {
     /// A key, and the file that keeps the time of signing; that time goes on from the file, or from `clock` where it
     /// is later. Without a file nothing is kept over a restart.
@@ -188,6 +208,19 @@ mod tests {
         assert_eq!(theirs.verify(&signed(&mut new(0), NOW - MINUTE), NOW), Trust::Signed);
         let mut theirs = new(NOW);
         assert_eq!(theirs.verify(&signed(&mut new(0), NOW - MINUTE - 1), NOW), Trust::Forged);
+    }
+
+    #[test]
+    fn keys_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("key");
+        fs::write(&file, "0123456789abcdef".repeat(3) + "00000000000000FF\n").unwrap();
+        let key = read_key(&file).unwrap();
+        assert_eq!((key[0], key[7], key[31]), (0x01, 0xEF, 0xFF));
+        for bad in ["", "0123", &"xy".repeat(32), &"0".repeat(65), &"é".repeat(32)] {
+            fs::write(&file, bad).unwrap();
+            assert!(read_key(&file).is_err(), "{bad}");
+        }
     }
 
     #[test]
