@@ -246,10 +246,15 @@ fn a_thousand_garbage_bytes_a_second_and_a_flood() {
             component.receive(inbound.link, &inbound.frame, inbound.trust, inbound.time_us);
         }
     }
-    // Enough zeros end whatever a marker in the garbage has begun.
-    peer.send_to(&[0; 600], ("127.0.0.1", port)).unwrap();
-    peer.send_to(&frame(4_000_000), ("127.0.0.1", port)).unwrap();
-    assert_eq!(hear(&mut links, 4_000_000), 0);
+    // The system drops datagrams of a flood too: what counts is that the link still hears.
+    let start = Instant::now();
+    let mut heard = false;
+    while !heard && start.elapsed() < WAIT {
+        peer.send_to(&frame(4_000_000), ("127.0.0.1", port)).unwrap();
+        let inbound = links.receive(Duration::from_millis(20));
+        heard = inbound.is_some_and(|inbound| number(&inbound.frame) == 4_000_000);
+    }
+    assert!(heard);
 }
 
 proptest! {
