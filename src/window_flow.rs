@@ -141,6 +141,10 @@ mod tests {
     const WIDTH: usize = 320;
     const HEIGHT: usize = 240;
 
+    fn empty() -> Cube {
+        Cube::EMPTY
+    }
+
     /// Positions of the slices where the picture moves by `step` pixels a frame, in frame pixels from the newest.
     fn followed(step: (f64, f64), scale: u32) -> [(f64, f64); SLICES] {
         let frames: Vec<Vec<u8>> = (0..SLICES)
@@ -159,7 +163,7 @@ mod tests {
             scale,
         };
         let start = Position::centred((160 << 8, 120 << 8), scale);
-        let path = follow(&slices, &frames, start, &mut Cube::EMPTY);
+        let path = follow(&slices, &frames, start, &mut empty());
         let unit = f64::from(scale) / 65536.0 * CELL as f64 / f64::from(SUBCELL);
         path.positions.map(|p| (f64::from(p.x - start.x) * unit, f64::from(p.y - start.y) * unit))
     }
@@ -196,7 +200,7 @@ mod tests {
         // Partly outside, too.
         for x in [-30, 20, 100] {
             let start = Position { x, y: 20 };
-            let path = follow(&slices, &plain, start, &mut Cube::EMPTY);
+            let path = follow(&slices, &plain, start, &mut empty());
             assert_eq!((path.positions, path.moves), ([start; SLICES], 0));
         }
     }
