@@ -171,10 +171,10 @@ impl From<ScanCounts> for ScanFigures {
 /// # Errors
 /// [`Error`] of the first clip in alphabetical order that has one; the files of complete clips stay.
 pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
+    let runs = runs(args, args.report.wanted())?;
+    let models = runs.iter().map(Run::model).collect::<Result<Vec<_>, Error>>()?;
     let clips = args.split.clips()?;
     let mut plan = Plan::new(&args.report, &args.split.data, &clips)?;
-    let runs = runs(args, plan.is_some())?;
-    let models = runs.iter().map(Run::model).collect::<Result<Vec<_>, Error>>()?;
     interrupt::watch()?;
     for (run, model) in runs.iter().zip(&models) {
         if let Some(out) = &run.out {

@@ -38,6 +38,13 @@ pub struct ReportArgs {
     external: Vec<External>,
 }
 
+impl ReportArgs {
+    /// Whether a report is asked for.
+    pub fn wanted(&self) -> bool {
+        self.report.is_some()
+    }
+}
+
 /// A report that waits for our detector's run.
 #[derive(Debug)]
 pub struct Plan {
