@@ -88,6 +88,8 @@ impl Config {
             registration: method.registration,
             temporal: method.temporal,
             alignment: method.alignment,
+            stcube: method.stcube,
+            persistence: method.persistence,
             scales_per_octave: method.scales_per_octave as usize,
             ..Self::new(width, height)
         }
@@ -284,7 +286,7 @@ impl<'m, 'b> Detector<'m, 'b> {
         let Self { model, config, front, persistence, buffers } = self;
         front.take(frame, buffers.bytes);
         front.build(frame, buffers.bytes, &mut || observer(Stage::Registration));
-        let mut pyramid = front.pyramid(buffers.bytes, buffers.words);
+        let (mut pyramid, frames) = front.pyramid_and_frames(buffers.bytes, buffers.words);
         each_level(&mut pyramid, |level| front.fill_tables(level));
         let noise = FrontEnd::noise(&pyramid);
         each_level(&mut pyramid, |level| front.fill_map(level, &noise));
@@ -298,6 +300,7 @@ impl<'m, 'b> Detector<'m, 'b> {
             trace: config.trace,
             stcube: config.stcube,
             front,
+            frames,
             pyramid: &pyramid,
         };
         let mut found: heapless::Vec<Judged, MAX_CANDIDATES> = heapless::Vec::new();

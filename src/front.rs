@@ -164,7 +164,25 @@ impl FrontEnd {
 
     /// The levels and their memory.
     pub fn pyramid<'a>(&self, bytes: &'a mut [u8], words: &'a mut [u16]) -> Pyramid<'a> {
-        levels::divide(&self.geometry, self.divide(bytes).levels, words)
+        self.pyramid_and_frames(bytes, words).0
+    }
+
+    /// The levels and their memory, and the frames of the slices of a cube, newest first; the oldest one seen stands for
+    /// those before it.
+    pub fn pyramid_and_frames<'a>(
+        &self,
+        bytes: &'a mut [u8],
+        words: &'a mut [u16],
+    ) -> (Pyramid<'a>, [Image<'a>; SLICES]) {
+        let pixels = self.width * self.height;
+        let Divided { frames, levels, .. } = self.divide(bytes);
+        let frames: &[u8] = frames;
+        let frame = |age: usize| {
+            let age = age.min(self.seen.saturating_sub(1));
+            Image::packed(&frames[self.place(age) * pixels..][..pixels], self.width, self.height)
+                .expect("buffers are made for the frame's size")
+        };
+        (levels::divide(&self.geometry, levels, words), core::array::from_fn(frame))
     }
 
     /// Fills the tables of a level for the newest frame.

@@ -5,11 +5,12 @@ use crate::detection::{Detection, SHIFTS, Shift};
 use crate::fixed::exp2_q16;
 use crate::front::FrontEnd;
 use crate::gradient::CELL;
-use crate::image::Rect;
+use crate::image::{Image, Rect};
 use crate::levels::{LevelBuffers, Pyramid};
 use crate::model::Model;
 use crate::motion::{self, Alignment, Path, Position};
 use crate::scan::Candidate;
+use crate::window_flow;
 use core::cmp::Reverse;
 use fixed::types::I28F4;
 
@@ -71,6 +72,8 @@ pub struct Judge<'a> {
     pub trace: bool,
     /// Whether the cube gives the score; otherwise the scan's own stands.
     pub stcube: bool,
+    /// The frames of a cube's slices, newest first.
+    pub frames: [Image<'a>; SLICES],
     /// The front end after the newest frame.
     pub front: &'a FrontEnd,
     /// The levels, with tables filled.
@@ -155,13 +158,18 @@ impl Judge<'_> {
     /// channels.
     pub fn cut(&self, candidate: &Candidate, start: Position, cube: &mut Cube) -> Path {
         let level = &self.pyramid[usize::from(candidate.level)];
-        let regressors =
-            (self.alignment == Alignment::Regressors).then_some(self.model.regressors());
         cube.scalars = [0; SCALARS];
         cube.scalars[0] = candidate.score.saturating_add(32768).clamp(0, 65535) as u16;
         cube.scalars[1] = (level.level.target_q4() >> 4) as u16;
         cube.scalars[2] = u16::from(self.front.registered());
-        motion::compensate(&self.front.slices(level), regressors, start, cube)
+        let slices = self.front.slices(level);
+        match self.alignment {
+            Alignment::Background => motion::compensate(&slices, None, start, cube),
+            Alignment::Regressors => {
+                motion::compensate(&slices, Some(self.model.regressors()), start, cube)
+            }
+            Alignment::Flow => window_flow::follow(&slices, &self.frames, start, cube),
+        }
     }
 
     /// The detection of a cube at the end of `path`; `score` in Q8.

@@ -49,6 +49,7 @@
 //! | 8 | [`detector`] | frames in, detections out: configuration, memory, the order of the steps below |
 //! | 7 | [`judge`] | the verdict on a candidate: its st-cube, a score, a box |
 //! | 6 | [`front`] | the front end: from frames to the channels of all levels, for the last frames |
+//! | 6 | [`window_flow`] | the slices of a cube along the optical flow of its window, to compare Algorithm 1 with |
 //! | 6 | [`model`] | the model file, checked once and read where it lies |
 //! | 5 | [`scan`] | a soft cascade over every window of every level: the candidates |
 //! | 5 | [`motion`] | Algorithm 1: the object stays in the middle of every slice of its cube |
@@ -109,3 +110,4 @@ pub mod shell;
 pub mod traffic;
 pub mod trees;
 pub mod warp;
+pub mod window_flow;

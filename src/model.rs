@@ -95,29 +95,39 @@ pub struct Method {
     pub temporal: bool,
     /// What the older slices of cubes followed.
     pub alignment: Alignment,
+    /// Candidates are judged by their st-cube; without it the scan's own score stands.
+    pub stcube: bool,
+    /// Detections are weighed by what was there a frame ago.
+    pub persistence: bool,
     /// Levels for each doubling of the target's size, 1 to 4.
     pub scales_per_octave: u8,
 }
 
 impl Method {
-    /// The bytes in the file: a bit for each part and the alignment above them, scales per octave.
+    /// The bytes in the file: from the lowest bit registration, temporal, alignment (2 bits), and a bit each for a cube
+    /// and a persistence that are *not* there; scales per octave.
     pub const fn encode(&self) -> [u8; 2] {
-        let parts =
-            self.registration as u8 | (self.temporal as u8) << 1 | (self.alignment as u8) << 2;
+        let parts = self.registration as u8
+            | (self.temporal as u8) << 1
+            | (self.alignment as u8) << 2
+            | (!self.stcube as u8) << 4
+            | (!self.persistence as u8) << 5;
         [parts, self.scales_per_octave]
     }
 
     /// Reads what [`Method::encode`] gives.
     pub const fn decode(bytes: [u8; 2]) -> Option<Self> {
         let [parts, scales_per_octave] = bytes;
-        if scales_per_octave == 0 || scales_per_octave > 4 {
+        if parts > 63 || scales_per_octave == 0 || scales_per_octave > 4 {
             return None;
         }
-        let Some(alignment) = Alignment::decode(parts >> 2) else { return None };
+        let Some(alignment) = Alignment::decode(parts >> 2 & 3) else { return None };
         Some(Self {
             registration: parts & 1 != 0,
             temporal: parts & 2 != 0,
             alignment,
+            stcube: parts & 16 == 0,
+            persistence: parts & 32 == 0,
             scales_per_octave,
         })
     }

@@ -83,6 +83,8 @@ pub enum Alignment {
     Background = 0,
     /// The object: Algorithm 1 of the paper.
     Regressors = 1,
+    /// The window's picture, by [`crate::window_flow`]: what the paper compares Algorithm 1 with.
+    Flow = 2,
 }
 
 impl Alignment {
@@ -91,6 +93,7 @@ impl Alignment {
         match number {
             0 => Some(Self::Background),
             1 => Some(Self::Regressors),
+            2 => Some(Self::Flow),
             _ => None,
         }
     }

@@ -163,7 +163,7 @@ proptest! {
         candidates in prop_oneof![0..64usize, Just(usize::MAX)],
         threshold in prop_oneof![Just(i32::MIN), any::<i32>(), Just(i32::MAX)],
         [registration, temporal, trace, stcube, persistence, keen] in any::<[bool; 6]>(),
-        alignment in prop_oneof![Just(Alignment::Background), Just(Alignment::Regressors)],
+        alignment in prop_oneof![Just(Alignment::Background), Just(Alignment::Regressors), Just(Alignment::Flow)],
         kinds in any::<[u8; 4]>(),
         seed: u32,
     ) {

@@ -183,7 +183,7 @@ fn each_refusal_says_why() {
     assert!(text.contains("checksum"));
 
     // Window, channels of the map; parts and scales that do not exist; the reserved byte.
-    for (place, value) in [(20, 11), (24, 15), (25, 8), (26, 0), (26, 5), (27, 1)] {
+    for (place, value) in [(20, 11), (24, 15), (25, 12), (25, 64), (26, 0), (26, 5), (27, 1)] {
         let (error, text) = refusal(|bytes| {
             bytes[place] = value;
             repair(bytes);

@@ -1,6 +1,7 @@
 //! What can go wrong in a verb, told in one line: the file, the place, what to do.
 
 use super::clips::ClipsError;
+use super::methods::MethodName;
 use super::simulate::SimulateError;
 use super::source::SourceError;
 use crate::detector;
@@ -105,6 +106,22 @@ pub enum Error {
     SameName {
         /// The name.
         name: String,
+    },
+    /// A method that is not trained.
+    #[error("{method} learns nothing: run it with `lookout eval DATA_SPLIT --method {method}`")]
+    NothingToLearn {
+        /// The method.
+        method: MethodName,
+    },
+    /// No model of a method, or one of another method.
+    #[error("{}: {reason}; make it with `lookout train DATA... --method {method} --out {}`, or name its folder with --models", path.display(), path.display())]
+    MethodModel {
+        /// The method.
+        method: MethodName,
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
     },
     /// Ctrl-C cannot be watched.
     #[error("cannot watch for Ctrl-C: {reason}")]

@@ -4,6 +4,7 @@ use super::clips::{self, Clip, TruthBox};
 use super::detections::{self, TextFile};
 use super::error::Error;
 use super::interrupt::{self, Ended};
+use super::methods::MethodName;
 use super::parallel;
 use super::pipeline::{self, DetectorArgs, ModelFile};
 use super::replay::print_line;
@@ -16,7 +17,7 @@ use serde::Serialize;
 use std::boxed::Box;
 use std::cell::Cell;
 use std::path::PathBuf;
-use std::string::String;
+use std::string::{String, ToString};
 use std::time::Instant;
 use std::vec::Vec;
 use std::{eprintln, format, fs};
@@ -55,7 +56,13 @@ pub struct EvalArgs {
     split: SplitArgs,
     #[command(flatten)]
     detector: DetectorArgs,
-    /// Write CLIP.txt (MOTChallenge) for every clip into this folder
+    /// Methods to run beside each other; a report always has ours
+    #[arg(long, value_name = "METHOD", value_enum, value_delimiter = ',', default_value = "ours")]
+    method: Vec<MethodName>,
+    /// Folder with METHOD.lkm for each method but ours, whose model is --model
+    #[arg(long, value_name = "DIR", default_value = "methods")]
+    models: PathBuf,
+    /// Write CLIP.txt (MOTChallenge) for every clip into this folder, of other methods than ours into its folder METHOD
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -80,6 +87,8 @@ pub struct ScoreArgs {
 struct ClipResult {
     found: Vec<Found>,
     scan: ScanCounts,
+    /// Time of each frame, milliseconds.
+    times_ms: Vec<f64>,
     /// What a report needs beside.
     seen: Option<Seen>,
 }
@@ -162,29 +171,90 @@ impl From<ScanCounts> for ScanFigures {
 /// # Errors
 /// [`Error`] of the first clip in alphabetical order that has one; the files of complete clips stay.
 pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
-    let model = ModelFile::load(args.detector.model.as_deref())?;
-    let model = model.parse()?;
+    let runs = runs(args, args.report.wanted())?;
+    let models = runs.iter().map(Run::model).collect::<Result<Vec<_>, Error>>()?;
     let clips = args.split.clips()?;
-    if let Some(out) = &args.out {
-        fs::create_dir_all(out).map_err(Error::write(out))?;
-    }
-    let plan = Plan::new(&args.report, &args.split.data, &clips)?;
+    let mut plan = Plan::new(&args.report, &args.split.data, &clips)?;
     interrupt::watch()?;
-    let work = |index: usize, clip: &Clip| run_clip(index, clip, args, plan.as_ref(), &model);
-    let Some(results) = parallel::clips(&clips, args.jobs, &work)? else {
-        eprintln!(
-            "lookout: interrupted; the files of the clips done so far are complete, no figures"
-        );
-        return Ok(Ended::Interrupted);
-    };
-    let mut counts = ScanCounts::default();
-    results.iter().for_each(|result| counts.add(&result.scan));
-    print(&reports(&clips, &results), Some(counts.into()), args.split.json)?;
-    if let Some(plan) = plan {
-        let runs = results.into_iter().filter_map(|r| Some((r.found, r.seen?))).collect();
-        return plan.write(&args.split.data, &clips, runs, args.jobs);
+    for (run, model) in runs.iter().zip(&models) {
+        if let Some(out) = &run.out {
+            fs::create_dir_all(out).map_err(Error::write(out))?;
+        }
+        // The others came before, so that the report can look at their detections on our run's frames.
+        let ours = run.method == MethodName::Ours;
+        let watched = plan.as_ref().filter(|_| ours);
+        let work = |index: usize, clip: &Clip| {
+            run_clip(index, clip, run, model.as_ref(), &args.detector, watched)
+        };
+        let Some(results) = parallel::clips(&clips, args.jobs, &work)? else {
+            eprintln!(
+                "lookout: interrupted; the files of the clips done so far are complete, no figures"
+            );
+            return Ok(Ended::Interrupted);
+        };
+        let mut counts = ScanCounts::default();
+        results.iter().for_each(|result| counts.add(&result.scan));
+        // Without a model there is no scan.
+        let scan = model.is_some().then(|| counts.into());
+        let name = (runs.len() > 1 || !ours).then(|| run.method.to_string());
+        print(name.as_deref(), &reports(&clips, &results), scan, args.split.json)?;
+        if ours {
+            if let Some(plan) = plan {
+                let runs = results.into_iter().filter_map(|r| Some((r.found, r.seen?))).collect();
+                return plan.write(&args.split.data, &clips, runs, args.jobs);
+            }
+        } else if let Some(plan) = &mut plan {
+            let mut times_ms = Vec::new();
+            let mut found = Vec::new();
+            for result in results {
+                times_ms.extend(result.times_ms);
+                found.push(result.found);
+            }
+            plan.add(run.method.to_string(), found, times_ms)?;
+        }
     }
     Ok(Ended::Complete)
+}
+
+/// A method about to run.
+struct Run {
+    method: MethodName,
+    /// None where nothing is learned.
+    file: Option<ModelFile>,
+    /// Folder for its detections.
+    out: Option<PathBuf>,
+}
+
+impl Run {
+    fn model(&self) -> Result<Option<Model<'_>>, Error> {
+        self.file.as_ref().map(ModelFile::parse).transpose()
+    }
+}
+
+/// The runs that were asked for, each once; ours last, and always there with a report.
+fn runs(args: &EvalArgs, report: bool) -> Result<Vec<Run>, Error> {
+    let mut methods: Vec<MethodName> = Vec::new();
+    for method in &args.method {
+        if *method != MethodName::Ours && !methods.contains(method) {
+            methods.push(*method);
+        }
+    }
+    if report || args.method.contains(&MethodName::Ours) {
+        methods.push(MethodName::Ours);
+    }
+    let prepare = |method: MethodName| {
+        let file = match method {
+            MethodName::Ours => Some(ModelFile::load(args.detector.model.as_deref())?),
+            MethodName::Difference => None,
+            _ => Some(ModelFile::of_method(&args.models, method)?),
+        };
+        let own = |out: &PathBuf| match method {
+            MethodName::Ours => out.clone(),
+            _ => out.join(method.to_string()),
+        };
+        Ok(Run { method, file, out: args.out.as_ref().map(own) })
+    };
+    methods.into_iter().map(prepare).collect()
 }
 
 /// Prints the figures of detections in files.
@@ -200,26 +270,28 @@ pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     };
     let clips = args.split.clips()?;
     let results = clips.iter().map(score).collect::<Result<Vec<ClipResult>, Error>>()?;
-    print(&reports(&clips, &results), None, args.split.json)?;
+    print(None, &reports(&clips, &results), None, args.split.json)?;
     Ok(Ended::Complete)
 }
 
 fn run_clip(
     index: usize,
     clip: &Clip,
-    args: &EvalArgs,
+    run: &Run,
+    model: Option<&Model<'_>>,
+    detector: &DetectorArgs,
     plan: Option<&Plan>,
-    model: &Model<'_>,
 ) -> Result<ClipResult, Error> {
     let input = format!("{}", clip.input.display());
     let mut result = ClipResult::default();
     let delivered = Cell::new(Instant::now());
     let mut source = Stamped { source: source::open(&input)?, delivered: &delivered };
-    let path = args.out.as_deref().map(|out| report::path_of(out, clip));
+    let path = run.out.as_deref().map(|out| report::path_of(out, clip));
     let mut file = path.as_deref().map(TextFile::create).transpose()?;
     let mut watch = plan.map(|plan| plan.watch(clip, index));
     let mut each = |number, frame: &Frame, detections: &Detections| {
         let time_ms = delivered.get().elapsed().as_secs_f64() * 1e3;
+        result.times_ms.push(time_ms);
         result.scan.add_frame(detections);
         if number > WARMUP {
             result.scan.add_targets(clip.ground_truth.frame(number), detections);
@@ -234,7 +306,10 @@ fn run_clip(
             None => Ok(()),
         }
     };
-    pipeline::run(&input, &mut source, model, &args.detector, &mut each)?;
+    match model {
+        Some(model) => pipeline::run(&input, &mut source, model, detector, &mut each)?,
+        None => pipeline::run_difference(&input, &mut source, detector.threshold, &mut each)?,
+    };
     result.seen = watch.map(report::Watch::finish);
     Ok(result)
 }
@@ -263,18 +338,28 @@ fn reports(clips: &[Clip], results: &[ClipResult]) -> [Report; IOUS.len()] {
     })
 }
 
-fn print(reports: &[Report], scan: Option<ScanFigures>, json: bool) -> Result<(), Error> {
+fn print(
+    method: Option<&str>,
+    reports: &[Report],
+    scan: Option<ScanFigures>,
+    json: bool,
+) -> Result<(), Error> {
     if json {
         #[derive(Serialize)]
         struct All<'a> {
+            #[serde(skip_serializing_if = "Option::is_none")]
+            method: Option<&'a str>,
             reports: &'a [Report],
             #[serde(skip_serializing_if = "Option::is_none")]
             scan: Option<ScanFigures>,
         }
-        let all = All { reports, scan };
+        let all = All { method, reports, scan };
         return print_line(
             &serde_json::to_string(&all).expect("numbers and names always make JSON"),
         );
+    }
+    if let Some(method) = method {
+        print_line(&format!("method: {method}"))?;
     }
     for report in reports {
         print_line(&format!("{report}\n"))?;

@@ -1,19 +1,51 @@
 //! From a source through the detector: the model's bytes, the detector's memory, the loop over frames.
 
 use super::detections::SCORE_BITS;
+use super::difference::Difference;
 use super::error::Error;
 use super::interrupt::{self, Ended};
+use super::methods::MethodName;
 use super::source::{Frame, FrameSource};
 use crate::detector::{Buffers, Config, Detections, Detector};
-use crate::model::Model;
+use crate::model::{Method, Model};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
-use std::string::String;
+use std::string::{String, ToString};
 use std::vec::Vec;
 use std::{format, fs, vec};
 
 /// The model that stands in the program itself.
 static SHIPPED: &[u8] = include_bytes!("../../models/lookout.lkm");
+
+/// Parts of the method to leave out, to see what they are worth.
+#[derive(Debug, Clone, Copy, Default, clap::Args, serde::Serialize)]
+pub struct Ablation {
+    /// Ablation: do not align older frames to the newest one
+    #[arg(long)]
+    pub no_registration: bool,
+    /// Ablation: do not look at temporal differences
+    #[arg(long)]
+    pub no_temporal: bool,
+    /// Ablation: let the scan's own score stand
+    #[arg(long)]
+    pub no_stcube: bool,
+    /// Ablation: look at each frame for itself, not at what was there a frame ago
+    #[arg(long)]
+    pub no_persistence: bool,
+}
+
+impl Ablation {
+    /// What is left of a method.
+    pub fn of(&self, method: Method) -> Method {
+        Method {
+            registration: method.registration && !self.no_registration,
+            temporal: method.temporal && !self.no_temporal,
+            stcube: method.stcube && !self.no_stcube,
+            persistence: method.persistence && !self.no_persistence,
+            ..method
+        }
+    }
+}
 
 /// What every verb that runs the detector can be told.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -24,33 +56,20 @@ pub struct DetectorArgs {
     /// Report detections of this score or more (default: -1 in replay, else all)
     #[arg(long, value_name = "SCORE", allow_negative_numbers = true, value_parser = parse_score)]
     pub threshold: Option<i32>,
-    /// Ablation: do not align older frames to the newest one
-    #[arg(long)]
-    pub no_registration: bool,
-    /// Ablation: do not look at temporal differences
-    #[arg(long)]
-    pub no_temporal: bool,
+    /// What to leave out.
+    #[command(flatten)]
+    pub ablation: Ablation,
     /// Ablation: do not follow detections through the slices by Algorithm 1
     #[arg(long)]
     pub no_trace: bool,
-    /// Ablation: let the scan's own score stand
-    #[arg(long)]
-    pub no_stcube: bool,
-    /// Ablation: look at each frame for itself, not at what was there a frame ago
-    #[arg(long)]
-    pub no_persistence: bool,
 }
 
 impl DetectorArgs {
     /// The configuration for frames of this size: the parts that the model was trained with, less those switched off.
     pub fn config(&self, model: &Model<'_>, width: usize, height: usize) -> Config {
-        let mut config = Config::of_method(width, height, model.method());
+        let mut config = Config::of_method(width, height, self.ablation.of(model.method()));
         config.threshold = self.threshold.unwrap_or(config.threshold);
-        config.registration &= !self.no_registration;
-        config.temporal &= !self.no_temporal;
         config.trace &= !self.no_trace;
-        config.stcube &= !self.no_stcube;
-        config.persistence &= !self.no_persistence;
         config
     }
 }
@@ -87,6 +106,25 @@ impl ModelFile {
                 Ok(Self { path: path.into(), bytes })
             }
             None => Ok(Self { path: "the shipped model".into(), bytes: SHIPPED.into() }),
+        }
+    }
+
+    /// Reads METHOD.lkm of a folder, as `lookout train --method` writes it.
+    ///
+    /// # Errors
+    /// [`Error::MethodModel`] when it is not there or says that it is of another method.
+    pub fn of_method(folder: &Path, method: MethodName) -> Result<Self, Error> {
+        let path = folder.join(format!("{method}.lkm"));
+        let refused = |reason| Error::MethodModel { method, path: path.clone(), reason };
+        let bytes = fs::read(&path).map_err(|error| refused(format!("cannot read: {error}")))?;
+        let file = Self { path: path.clone(), bytes: bytes.into() };
+        let provenance = serde_json::from_str(file.parse()?.provenance());
+        let provenance: serde_json::Value = provenance.unwrap_or_default();
+        match provenance["method"].as_str() {
+            Some(other) if other != method.to_string() => {
+                Err(refused(format!("a model of the method {other}")))
+            }
+            _ => Ok(file),
         }
     }
 
@@ -135,7 +173,10 @@ impl Memory {
     }
 }
 
-/// Runs a detector over all frames; `each` gets the frame's number (from 1), the frame and what was found in it.
+/// Hears of each frame: its number (from 1), the frame and what was found in it.
+pub type Each<'a> = dyn FnMut(u64, &Frame, &Detections) -> Result<(), Error> + 'a;
+
+/// Runs a detector over all frames.
 ///
 /// # Errors
 /// Those of the source, of the detector and of `each`; [`Error::NoFrames`]. `each` has seen every frame before.
@@ -144,19 +185,53 @@ pub fn run(
     source: &mut dyn FrameSource,
     model: &Model<'_>,
     args: &DetectorArgs,
-    each: &mut dyn FnMut(u64, &Frame, &Detections) -> Result<(), Error>,
+    each: &mut Each<'_>,
 ) -> Result<Ended, Error> {
-    let mut frame = Frame::default();
-    if !source.next_frame(&mut frame)? {
-        return Err(Error::NoFrames { input: input.into() });
-    }
-    let config = args.config(model, frame.width, frame.height);
+    let first = first_frame(input, source)?;
+    let config = args.config(model, first.width, first.height);
     let mut memory = Memory::new(&config);
     tracing::debug!(input, ?config, bytes = memory.len_bytes(), "detector");
-    let refused = |frame| move |source| Error::Detector { input: input.into(), frame, source };
-    let mut detector = memory.detector(model, config).map_err(refused(1))?;
+    let refused = |source| Error::Detector { input: input.into(), frame: 1, source };
+    let mut detector = memory.detector(model, config).map_err(refused)?;
+    let mut process = |frame: &Frame| detector.process(frame.view(), frame.time_us);
+    process_all(input, source, first, &mut process, each)
+}
+
+/// Runs [`Difference`], which needs no model, over all frames.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_difference(
+    input: &str,
+    source: &mut dyn FrameSource,
+    threshold: Option<i32>,
+    each: &mut Each<'_>,
+) -> Result<Ended, Error> {
+    let first = first_frame(input, source)?;
+    let mut difference = Difference::new(first.width, first.height, threshold);
+    process_all(input, source, first, &mut |frame| difference.process(frame.view()), each)
+}
+
+fn first_frame(input: &str, source: &mut dyn FrameSource) -> Result<Frame, Error> {
+    let mut frame = Frame::default();
+    if source.next_frame(&mut frame)? {
+        Ok(frame)
+    } else {
+        Err(Error::NoFrames { input: input.into() })
+    }
+}
+
+/// Shows `frame` and all that follow it to `process`.
+fn process_all(
+    input: &str,
+    source: &mut dyn FrameSource,
+    mut frame: Frame,
+    process: &mut dyn FnMut(&Frame) -> Result<Detections, crate::detector::Error>,
+    each: &mut Each<'_>,
+) -> Result<Ended, Error> {
     for number in 1.. {
-        let detections = detector.process(frame.view(), frame.time_us).map_err(refused(number))?;
+        let refused = |source| Error::Detector { input: input.into(), frame: number, source };
+        let detections = process(&frame).map_err(refused)?;
         tracing::trace!(number, frame.time_us, found = detections.list.len(), "frame");
         each(number, &frame, &detections)?;
         match source.next_frame(&mut frame) {
@@ -217,11 +292,13 @@ mod tests {
         assert_eq!(all, Config::of_method(64, 48, model.method()));
         let args = DetectorArgs {
             threshold: Some(5),
-            no_registration: true,
-            no_temporal: true,
+            ablation: Ablation {
+                no_registration: true,
+                no_temporal: true,
+                no_stcube: true,
+                no_persistence: true,
+            },
             no_trace: true,
-            no_stcube: true,
-            no_persistence: true,
             ..Default::default()
         };
         let none = Config {

@@ -21,6 +21,8 @@ pub const METHOD: Method = Method {
     registration: true,
     temporal: true,
     alignment: Alignment::Regressors,
+    stcube: true,
+    persistence: true,
     scales_per_octave: 2,
 };
 

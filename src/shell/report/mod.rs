@@ -23,6 +23,7 @@ use facts::Facts;
 use figures::{Figures, LOOSE};
 use methods::{Detected, Method, OURS, median};
 use std::path::{Path, PathBuf};
+use std::string::String;
 use std::vec::Vec;
 use std::{format, fs};
 
@@ -35,6 +36,13 @@ pub struct ReportArgs {
     /// Put the detections in FOLDER (CLIP.txt, MOTChallenge) beside the detector's in the report
     #[arg(long, value_name = "NAME=FOLDER", requires = "report", value_parser = External::parse)]
     external: Vec<External>,
+}
+
+impl ReportArgs {
+    /// Whether a report is asked for.
+    pub fn wanted(&self) -> bool {
+        self.report.is_some()
+    }
 }
 
 /// A report that waits for our detector's run.
@@ -63,6 +71,25 @@ impl Plan {
         let facts = facts::read(data, clips)?;
         fs::create_dir_all(folder).map_err(Error::write(folder))?;
         Ok(Some(Self { folder: folder.clone(), facts, others }))
+    }
+
+    /// Puts a method that was run here beside the others; `clips` is what it found in each clip, `times_ms` the time of
+    /// each frame in milliseconds.
+    ///
+    /// # Errors
+    /// [`Error::SameName`].
+    pub fn add(
+        &mut self,
+        name: String,
+        clips: Vec<Vec<Found>>,
+        times_ms: Vec<f64>,
+    ) -> Result<(), Error> {
+        if self.others.iter().any(|other| other.name == name) {
+            return Err(Error::SameName { name });
+        }
+        let clips = clips.into_iter().map(|found| Detected { found, contrast: Vec::new() });
+        self.others.push(Method { name, clips: clips.collect(), median_ms: median(times_ms) });
+        Ok(())
     }
 
     /// To measure on the frames of clip number `index`.

@@ -118,6 +118,7 @@ pub fn cubes(
         alignment: config.alignment,
         trace: false,
         stcube: config.stcube,
+        frames: view.frames,
         front: view.front,
         pyramid,
     };

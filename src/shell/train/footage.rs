@@ -5,6 +5,7 @@ use super::random::Random;
 use crate::cube::SLICES;
 use crate::detector::Config;
 use crate::front::{FrontEnd, KEPT};
+use crate::image::Image;
 use crate::levels::Pyramid;
 use crate::shell::clips::{self, GroundTruth, TruthBox};
 use crate::shell::error::Error;
@@ -110,6 +111,8 @@ pub struct View<'a> {
     pub boxes: Vec<TruthBox>,
     /// Whether it is of a clip that is held back.
     pub held_back: bool,
+    /// The frame and those before it, newest first: those of a cube's slices.
+    pub frames: [Image<'a>; SLICES],
     /// The front end after the frame.
     pub front: &'a FrontEnd,
 }
@@ -173,7 +176,7 @@ pub fn visit<T: Send>(
                         continue;
                     }
                     front.build(picture.view(), bytes, &mut || {});
-                    let mut pyramid = front.pyramid(bytes, words);
+                    let (mut pyramid, frames) = front.pyramid_and_frames(bytes, words);
                     for level in pyramid.iter_mut().filter(|l| l.level.active) {
                         front.fill_tables(level);
                     }
@@ -187,6 +190,7 @@ pub fn visit<T: Send>(
                             number: (clip.number * 4096 + frame) as u32,
                             boxes: boxes.iter().map(|b| look.truth(b, size.width)).collect(),
                             held_back: clip.held_back,
+                            frames,
                             front: &front,
                         };
                         results.extend(work(&view, &pyramid));

@@ -18,6 +18,8 @@ mod windows;
 
 use super::error::Error;
 use super::interrupt::Ended;
+use super::methods::{MethodName, Recipe};
+use super::pipeline::Ablation;
 use crate::model::{Method, Model, Section};
 use crate::motion::Alignment;
 use file::Parts;
@@ -48,6 +50,8 @@ pub enum Following {
     Background,
     /// The object, by Algorithm 1 of the paper.
     Regressors,
+    /// The window's picture, by its optical flow.
+    Flow,
 }
 
 impl From<Following> for Alignment {
@@ -55,6 +59,7 @@ impl From<Following> for Alignment {
         match following {
             Following::Background => Self::Background,
             Following::Regressors => Self::Regressors,
+            Following::Flow => Self::Flow,
         }
     }
 }
@@ -69,7 +74,7 @@ pub struct TrainArgs {
     #[arg(long, value_name = "FILE")]
     #[serde(skip)]
     pub out: PathBuf,
-    /// Model card whose generated part is written anew (default: README.md beside the model)
+    /// Model card whose generated part is written anew (default: README.md beside the model; FILE.md for other methods)
     #[arg(long, value_name = "FILE")]
     #[serde(skip)]
     pub card: Option<PathBuf>,
@@ -118,25 +123,35 @@ pub struct TrainArgs {
     /// Show the frames as they are: not mirrored, not smaller, contrast unchanged
     #[arg(long)]
     pub plain: bool,
-    /// Ablation: do not align older frames to the newest one
-    #[arg(long)]
-    pub no_registration: bool,
-    /// Ablation: do not look at temporal differences
-    #[arg(long)]
-    pub no_temporal: bool,
+    /// The method to train; what follows changes it
+    #[arg(long, value_enum, default_value_t)]
+    pub method: MethodName,
     /// What the older slices of cubes follow
-    #[arg(long, value_enum, default_value_t = Following::Background)]
-    pub alignment: Following,
+    #[arg(long, value_enum)]
+    pub alignment: Option<Following>,
+    /// What to leave out.
+    #[command(flatten)]
+    #[serde(flatten)]
+    pub ablation: Ablation,
 }
 
 impl TrainArgs {
-    fn method(&self) -> Method {
-        Method {
-            registration: !self.no_registration,
-            temporal: !self.no_temporal,
-            alignment: self.alignment.into(),
-            scales_per_octave: self.scales_per_octave,
-        }
+    /// What is to be trained.
+    fn recipe(&self) -> Result<Recipe, Error> {
+        let name = self.method;
+        let recipe = name.recipe().ok_or(Error::NothingToLearn { method: name })?;
+        let alignment = self.alignment.map_or(recipe.method.alignment, Alignment::from);
+        let scales_per_octave = self.scales_per_octave;
+        let method = self.ablation.of(recipe.method);
+        Ok(Recipe { method: Method { alignment, scales_per_octave, ..method }, ..recipe })
+    }
+
+    /// Where the model card goes.
+    fn card(&self) -> PathBuf {
+        self.card.clone().unwrap_or_else(|| match self.method {
+            MethodName::Ours => self.out.with_file_name("README.md"),
+            _ => self.out.with_extension("md"),
+        })
     }
 }
 
@@ -146,13 +161,19 @@ impl TrainArgs {
 /// [`Error`] when clips cannot be read or files not written; finished stages stay in the partial model.
 pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
     let started = Instant::now();
+    let recipe = args.recipe()?;
     let settings = serde_json::to_string(args).unwrap_or_default();
     let partial = args.out.with_extension("lkm.partial");
     let resumed = resume(&partial, &settings);
     let mut report = Report::create(&args.out.with_extension("jsonl"), resumed.is_some())?;
-    let mut parts = resumed.unwrap_or_else(|| Parts::new(args.method()));
-    let trainer = Trainer::load(args, &report)?;
-    for stage in [Section::Scan, Section::Horizontal, Section::Cube] {
+    let mut parts = resumed.unwrap_or_else(|| Parts::new(recipe.method));
+    let trainer = Trainer::load(args, recipe, &report)?;
+    // Without cubes there is nothing to compensate, and of the cubes' trees only those of the box.
+    let stages = match recipe.method.stcube {
+        true => &[Section::Scan, Section::Horizontal, Section::Cube][..],
+        false => &[Section::Scan, Section::BoxX],
+    };
+    for &stage in stages {
         if parts.has_trees(stage) {
             report.note(&std::format!("{stage:?}: taken from {}", partial.display()))?;
             continue;
@@ -171,8 +192,7 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
     parts.set_provenance(&settings);
     let bytes = parts.encode();
     write(&args.out, &bytes)?;
-    let card = args.card.clone().unwrap_or_else(|| args.out.with_file_name("README.md"));
-    report.card(&card, &args.out, &bytes, &trainer.summary(), started.elapsed())?;
+    report.card(&args.card(), &args.out, &bytes, &trainer.summary(), started.elapsed())?;
     fs::remove_file(&partial).map_err(|source| Error::Write { path: partial.clone(), source })?;
     Ok(Ended::Complete)
 }

@@ -6,7 +6,12 @@ use crate::cube::{SLICES, WINDOW};
 use crate::feature::{Denominator, Feature};
 use crate::gradient::ORIENTATIONS;
 use crate::motion::FIRST_SCALAR;
+use crate::shell::methods::Sees;
 use std::vec::Vec;
+
+/// Cells of a 3-D HoG along each side of the window.
+const GRID: u8 = 5;
+const _: () = assert!((WINDOW as u8).is_multiple_of(GRID));
 
 /// A range of cells: often short, sometimes any, sometimes all.
 fn range(random: &mut Random) -> (u8, u8) {
@@ -58,8 +63,12 @@ pub fn patch(count: usize, random: &mut Random) -> Vec<Feature> {
     })
 }
 
-/// Features of cubes; without `temporal` none looks at temporal differences.
-pub fn cube(count: usize, temporal: bool, random: &mut Random) -> Vec<Feature> {
+/// Features of cubes that look at what `sees` allows; without `temporal` none looks at temporal differences. `count` of
+/// them where they are drawn at random.
+pub fn cube(count: usize, sees: Sees, temporal: bool, random: &mut Random) -> Vec<Feature> {
+    if sees == Sees::Grid {
+        return grid(temporal);
+    }
     let mut features = distinct(count, || {
         let (x, y) = (range(random), range(random));
         let orientation = random.below(ORIENTATIONS);
@@ -76,9 +85,83 @@ pub fn cube(count: usize, temporal: bool, random: &mut Random) -> Vec<Feature> {
             18 => (Denominator::Cells, [MAGNITUDE, difference][random.below(2)]),
             _ => (Denominator::Cells, if temporal { newest.max(9) } else { MAGNITUDE }),
         };
-        let t = if channel >= 8 { (0, 1) } else { slices(random) };
+        let newest_only = channel >= 8 || sees == Sees::Newest;
+        let t = if newest_only { (0, 1) } else { slices(random) };
         Feature { denominator, channel: channel as u8, x, y, t }
     });
-    features.extend((0..FIRST_SCALAR as u8 + 8).map(Feature::scalar));
+    let scalars = if sees == Sees::Newest { FIRST_SCALAR } else { FIRST_SCALAR + 8 };
+    features.extend((0..scalars as u8).map(Feature::scalar));
     features
+}
+
+/// A 3-D HoG: the energy of each orientation, and with `temporal` that of the change, in every cell of a grid over
+/// window and slices, against the window's energy in the same slices; the cells of one slice and of all of them.
+fn grid(temporal: bool) -> Vec<Feature> {
+    let side = WINDOW as u8 / GRID;
+    let range = |i: u8| (i * side, (i + 1) * side);
+    let times = (0..SLICES as u8).map(|t| (t, t + 1)).chain([(0, SLICES as u8)]);
+    let cells = times.flat_map(|t| (0..GRID).flat_map(move |y| (0..GRID).map(move |x| (t, y, x))));
+    let channels = (0..ORIENTATIONS).chain(temporal.then_some(TEMPORAL));
+    let mut features: Vec<Feature> = cells
+        .flat_map(|(t, y, x)| {
+            channels.clone().map(move |channel| Feature {
+                denominator: Denominator::Window,
+                channel: channel as u8,
+                x: range(x),
+                y: range(y),
+                t,
+            })
+        })
+        .collect();
+    features.extend((0..FIRST_SCALAR as u8).map(Feature::scalar));
+    features
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether a feature looks at a slice before the newest, or at what is known of them.
+    fn looks_back(feature: &Feature) -> bool {
+        match feature.denominator {
+            Denominator::Scalar => usize::from(feature.channel) >= FIRST_SCALAR,
+            _ => feature.t != (0, 1),
+        }
+    }
+
+    /// Whether a feature looks at temporal differences.
+    fn differs(feature: &Feature) -> bool {
+        let channel = usize::from(feature.channel);
+        feature.denominator != Denominator::Scalar && (channel == TEMPORAL || channel > 8)
+    }
+
+    #[test]
+    fn features_see_what_they_may() {
+        for sees in [Sees::Cube, Sees::Newest, Sees::Grid] {
+            for temporal in [false, true] {
+                let features = cube(600, sees, temporal, &mut Random::new(3));
+                let back = features.iter().any(looks_back);
+                assert_eq!(back, sees != Sees::Newest, "{sees:?}");
+                assert_eq!(features.iter().any(differs), temporal, "{sees:?}");
+                let valid = |f: &Feature| Feature::decode(&f.encode()) == Some(*f);
+                assert!(features.iter().all(valid), "{sees:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_grid_covers_every_cell_once() {
+        let features = grid(false);
+        for t in 0..SLICES as u8 {
+            for (x, y) in (0..WINDOW as u8).flat_map(|y| (0..WINDOW as u8).map(move |x| (x, y))) {
+                let inside = |f: &&Feature| {
+                    f.denominator == Denominator::Window
+                        && f.t == (t, t + 1)
+                        && (f.x.0..f.x.1).contains(&x)
+                        && (f.y.0..f.y.1).contains(&y)
+                };
+                assert_eq!(features.iter().filter(inside).count(), ORIENTATIONS);
+            }
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! The stages of training, each from the parts before it.
 
 use super::boost::{
-    Booster, Data, Loss, Options, Round, Samples, TrainedForest, reject_thresholds,
+    Bagging, Booster, Data, Loss, Options, Round, Samples, TrainedForest, reject_thresholds,
 };
 use super::cubes::{self, Row};
 use super::file::Parts;
@@ -16,9 +16,11 @@ use crate::levels::Pyramid;
 use crate::model::{Model, Section};
 use crate::shell::error::Error;
 use crate::shell::interrupt;
+use crate::shell::methods::{Learner, Recipe};
+use crate::trees::MAX_DEPTH;
+use std::format;
 use std::ops::ControlFlow;
 use std::vec::Vec;
-use std::{format, vec};
 
 /// Bins of a feature less one.
 const EDGES: usize = 63;
@@ -29,22 +31,34 @@ const RANDOM_WINDOWS: usize = 12;
 /// Hard negatives taken from each frame in a round of mining.
 const HARD_WINDOWS: usize = 16;
 
+/// How a random forest over windows is grown.
+const BAGGING: Bagging = Bagging {
+    trees: 0,
+    depth: MAX_DEPTH,
+    min_rows: 5,
+    tree_features: 0.3,
+    node_features: 0.25,
+    leaf_scale: 256.0,
+    seed: 0,
+};
+
 /// Features to choose from for φ_h and φ_v.
 const PATCH_FEATURES: usize = 900;
 
 /// The flights and the settings.
 pub struct Trainer<'a> {
     args: &'a TrainArgs,
+    recipe: Recipe,
     footage: Vec<Footage>,
 }
 
 impl<'a> Trainer<'a> {
     /// Reads the flights.
-    pub fn load(args: &'a TrainArgs, report: &Report) -> Result<Self, Error> {
+    pub fn load(args: &'a TrainArgs, recipe: Recipe, report: &Report) -> Result<Self, Error> {
         let bar = report.bar("reading clips", 0);
         let footage = footage::load(&args.data, args.samples, args.hold_back, || bar.inc(1))?;
         bar.finish_and_clear();
-        Ok(Self { args, footage })
+        Ok(Self { args, recipe, footage })
     }
 
     /// What was learned from.
@@ -62,7 +76,7 @@ impl<'a> Trainer<'a> {
     }
 
     fn config(&self, candidates: usize) -> impl Fn(usize, usize) -> Config + Sync + use<> {
-        let method = self.args.method();
+        let method = self.recipe.method;
         move |width, height| Config { candidates, ..Config::of_method(width, height, method) }
     }
 
@@ -110,33 +124,25 @@ impl<'a> Trainer<'a> {
                 ));
                 windows
             });
-        for round in 0..=self.args.mining {
-            let last = round == self.args.mining;
-            let trees = if last {
-                self.args.scan_trees
-            } else {
-                self.args.scan_trees >> (2 - round.min(2))
+        // Where no cubes follow, their trees and their negatives are the windows'.
+        let alone = !self.recipe.method.stcube;
+        let rounds = self.args.mining + usize::from(alone);
+        for round in 0..=rounds {
+            let last = round == rounds;
+            let size = match (last, alone) {
+                (true, true) => (self.args.cube_trees, self.args.cube_depth),
+                (true, false) => (self.args.scan_trees, self.args.scan_depth),
+                _ => (self.args.scan_trees >> (2 - round.min(2)), self.args.scan_depth),
             };
-            let table = Table::new(&windows, EDGES).map_err(training)?;
-            let options = Options {
-                rounds: trees,
-                depth: self.args.scan_depth,
-                shrinkage: 0.1,
-                min_hessian: 8.0,
-                lambda: 4.0,
-                feature_fraction: 0.1,
-                row_fraction: 0.5,
-                patience: 50,
-                seed: self.args.seed + round as u64,
-                ..Options::new(Loss::Logistic)
-            };
+            let channels = self.recipe.map_channels;
+            let table = Table::new(&windows, EDGES, channels).map_err(training)?;
             let positives = windows.iter().filter(|w| w.target.is_some()).count();
             report.note(&format!(
                 "scan, round {round}: {positives} positives, {} negatives",
                 windows.len() - positives
             ))?;
-            let name = format!("scan {round}/{}", self.args.mining);
-            let mut forest = boost(report, &name, options, table.training(), table.validation())?;
+            let name = format!("scan {round}/{rounds}");
+            let mut forest = self.window_trees(report, &name, round, size, &table)?;
             // Thresholds from the targets held back, where there are any: those learned from score too well.
             let held_back = table.validation().is_some();
             let rows: Vec<usize> = (0..windows.len())
@@ -145,7 +151,7 @@ impl<'a> Trainer<'a> {
             let running = forest.running_scores(&table.samples, &rows).map_err(training)?;
             let bags: Vec<u32> =
                 rows.iter().map(|&r| windows[r].target.unwrap_or_default()).collect();
-            let keep = if last { self.args.scan_keep } else { 0.99 };
+            let keep = if last && !alone { self.args.scan_keep } else { 0.99 };
             forest.set_reject_thresholds(&reject_thresholds(&running, &bags, keep));
             parts.set_forest(Section::Scan, &forest);
             if last || interrupt::requested() {
@@ -154,22 +160,48 @@ impl<'a> Trainer<'a> {
             drop(table);
             let bytes = parts.encode();
             let model = Model::parse(&bytes).map_err(training)?;
-            let part = (round, 2);
-            let hard = self.each(
-                report,
-                "hard negatives",
-                Depth::Newest,
-                part,
-                HARD_WINDOWS,
-                |view, pyramid| {
-                    let size = (0, 0);
-                    let config = self.config(HARD_WINDOWS)(size.0, size.1);
+            let (part, count) = match round == self.args.mining {
+                true => ((0, 1), self.args.candidates),
+                false => ((round, 2), HARD_WINDOWS),
+            };
+            let config = self.config(count)(0, 0);
+            let hard =
+                self.each(report, "hard negatives", Depth::Newest, part, count, |view, pyramid| {
                     windows::hard_negatives(view, pyramid, &model, &config)
-                },
-            );
+                });
             windows.extend(hard);
         }
         Ok(())
+    }
+
+    /// The trees over windows, so many of such a depth.
+    fn window_trees(
+        &self,
+        report: &mut Report,
+        name: &str,
+        round: usize,
+        (trees, depth): (usize, u8),
+        table: &Table,
+    ) -> Result<TrainedForest, Error> {
+        let seed = self.args.seed + round as u64;
+        if self.recipe.windows == Learner::Bagging {
+            // More trees only steady what these already say.
+            let trees = trees.min(self.args.scan_trees);
+            return bag(report, name, &Bagging { trees, seed, ..BAGGING }, table.training());
+        }
+        let options = Options {
+            rounds: trees,
+            depth,
+            shrinkage: 0.1,
+            min_hessian: 8.0,
+            lambda: 4.0,
+            feature_fraction: 0.1,
+            row_fraction: 0.5,
+            patience: 50,
+            seed,
+            ..Options::new(Loss::Logistic)
+        };
+        boost(report, name, options, table.training(), table.validation())
     }
 
     /// φ_h and φ_v.
@@ -224,9 +256,10 @@ impl<'a> Trainer<'a> {
         boost(report, &format!("{section:?}"), options, training, validation)
     }
 
-    /// The classifier of cubes and the box.
+    /// The classifier of cubes, where there is one, and the box.
     pub fn cubes(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
-        let pool = pool::cube(self.args.features, !self.args.no_temporal, &mut self.random(4, 0));
+        let Recipe { method, sees, .. } = self.recipe;
+        let pool = pool::cube(self.args.features, sees, method.temporal, &mut self.random(4, 0));
         let bytes = parts.encode();
         let model = Model::parse(&bytes).map_err(training)?;
         let config = self.config(self.args.candidates)(0, 0);
@@ -247,6 +280,28 @@ impl<'a> Trainer<'a> {
         );
         report.note(&format!("cubes: {found} positives, {missed} negatives"))?;
         let samples = columns(&rows)?;
+        let mut forests = Vec::new();
+        if method.stcube {
+            forests.push((Section::Cube, self.classifier(report, &rows, &samples)?));
+        }
+        for (component, section) in
+            [Section::BoxX, Section::BoxY, Section::BoxWidth, Section::BoxHeight]
+                .into_iter()
+                .enumerate()
+        {
+            forests.push((section, self.regressor(report, section, &rows, &samples, component)?));
+        }
+        parts.set_forests(Section::CubeFeatures, &pool, forests);
+        Ok(())
+    }
+
+    /// The classifier of cubes.
+    fn classifier(
+        &self,
+        report: &mut Report,
+        rows: &[Row],
+        samples: &Samples,
+    ) -> Result<TrainedForest, Error> {
         let targets: Vec<f32> =
             rows.iter().map(|r| if r.label > 0.0 { 1.0 } else { -1.0 }).collect();
         let weigh = |held_back: bool| {
@@ -269,7 +324,7 @@ impl<'a> Trainer<'a> {
             seed: self.args.seed,
             ..Options::new(loss)
         };
-        let data = Data { samples: &samples, targets: &targets, weights: &weights };
+        let data = Data { samples, targets: &targets, weights: &weights };
         let validation = Data { weights: &held_back, ..data };
         let validation = held_back.iter().any(|&w| w > 0.0).then_some(validation);
         let mut forest = boost(report, "cube", options, data, validation)?;
@@ -277,19 +332,10 @@ impl<'a> Trainer<'a> {
         let kept: Vec<usize> = (0..rows.len())
             .filter(|&r| rows[r].label > 0.0 && rows[r].held_back == any_held_back)
             .collect();
-        let running = forest.running_scores(&samples, &kept).map_err(training)?;
+        let running = forest.running_scores(samples, &kept).map_err(training)?;
         let bags: Vec<u32> = kept.iter().map(|&r| rows[r].target).collect();
         forest.set_reject_thresholds(&reject_thresholds(&running, &bags, 0.999));
-        let mut forests = vec![(Section::Cube, forest)];
-        for (component, section) in
-            [Section::BoxX, Section::BoxY, Section::BoxWidth, Section::BoxHeight]
-                .into_iter()
-                .enumerate()
-        {
-            forests.push((section, self.regressor(report, section, &rows, &samples, component)?));
-        }
-        parts.set_forests(Section::CubeFeatures, &pool, forests);
-        Ok(())
+        Ok(forest)
     }
 }
 
@@ -337,6 +383,24 @@ fn boost(
         best.train_loss,
         best.validation_loss.unwrap_or(f64::NAN)
     ))?;
+    Ok(forest)
+}
+
+/// Grows a random forest with a progress bar and the log.
+fn bag(
+    report: &mut Report,
+    name: &str,
+    bagging: &Bagging,
+    data: Data<'_>,
+) -> Result<TrainedForest, Error> {
+    let bar = report.bar(name, bagging.trees as u64);
+    let forest = bagging.run(data, || {
+        bar.inc(1);
+        if interrupt::requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    bar.finish_and_clear();
+    let forest = forest.map_err(training)?;
+    report.note(&format!("{name}: {} trees of a random forest", forest.trees().len()))?;
     Ok(forest)
 }
 

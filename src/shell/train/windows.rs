@@ -4,6 +4,7 @@ use super::boost::{Data, Samples, SamplesError};
 use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
 use super::random::Random;
+use crate::channels::MAP_CHANNELS;
 use crate::cube::SUBCELL;
 use crate::detector::{self, Config, Detections};
 use crate::judge;
@@ -132,12 +133,15 @@ pub struct Table {
 }
 
 impl Table {
-    /// Bins the windows into at most `edges` + 1 bins. Positives and negatives weigh the same in all.
+    /// Bins the windows into at most `edges` + 1 bins; of channels from `channels` on nothing is seen. Positives and negatives weigh the same in all.
     ///
     /// # Errors
     /// [`SamplesError`], when there are too many.
-    pub fn new(windows: &[Window], edges: usize) -> Result<Self, SamplesError> {
-        let column = |i: usize| windows.iter().map(|w| u16::from(w.values[i])).collect();
+    pub fn new(windows: &[Window], edges: usize, channels: usize) -> Result<Self, SamplesError> {
+        let value = |w: &Window, i: usize| {
+            if i % MAP_CHANNELS < channels { u16::from(w.values[i]) } else { 0 }
+        };
+        let column = |i: usize| windows.iter().map(|w| value(w, i)).collect();
         let samples = Samples::from_columns((0..FEATURES).map(column), edges)?;
         let targets: Vec<f32> =
             windows.iter().map(|w| if w.target.is_some() { 1.0 } else { -1.0 }).collect();

@@ -3,6 +3,7 @@
 //! Gradients and hessians are rounded to integers, so that sums do not depend on their order: every number of
 //! threads grows the same tree, and the histogram of a node minus that of one child is exactly that of the other.
 
+use super::SplitMix64;
 use super::samples::Samples;
 #[cfg(feature = "rayon")]
 use rayon::prelude::*;
@@ -18,6 +19,18 @@ pub(super) struct Limits {
     pub min_hessian: f64,
     pub min_rows: u32,
     pub min_gain: f64,
+    /// Share of the features that each node may ask, drawn anew for it; 1 for all.
+    pub node_features: f64,
+    /// Seed of that draw.
+    pub seed: u64,
+}
+
+impl Limits {
+    /// Whether node `number` (in heap order) may ask `feature`.
+    fn may_ask(&self, number: usize, feature: u16) -> bool {
+        let key = (number as u64) << 16 | u64::from(feature);
+        SplitMix64::of(self.seed, key).chance(self.node_features)
+    }
 }
 
 /// A row in training, with the derivatives of its loss.
@@ -199,8 +212,14 @@ impl Grower<'_> {
             }
             column.histograms = children;
         }
-        let best = self.open.iter().zip(column.histograms.chunks_exact(width));
-        column.best = best.map(|(node, sums)| self.best(column.feature, node, sums)).collect();
+        let nodes = self.open.iter().zip(column.histograms.chunks_exact(width));
+        // The nodes of a level are as many as all above them, and one more.
+        let above = self.open.len() - 1;
+        let best = nodes.enumerate().map(|(i, (node, sums))| {
+            let asks = self.limits.may_ask(above + i, column.feature);
+            if asks { self.best(column.feature, node, sums) } else { None }
+        });
+        column.best = best.collect();
     }
 
     /// The best split of a node by one feature, given its histogram.
@@ -373,8 +392,15 @@ mod tests {
         }
     }
 
-    const LIMITS: Limits =
-        Limits { depth: 1, lambda: 0.5, min_hessian: 1.5, min_rows: 2, min_gain: 0.0 };
+    const LIMITS: Limits = Limits {
+        depth: 1,
+        lambda: 0.5,
+        min_hessian: 1.5,
+        min_rows: 2,
+        min_gain: 0.0,
+        node_features: 1.0,
+        seed: 0,
+    };
 
     proptest! {
         #[test]

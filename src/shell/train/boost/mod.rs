@@ -5,6 +5,7 @@
 //! trainer's score of a row is the score that the core computes from the encoded bytes. Training is
 //! deterministic, whatever the number of threads, and can be resumed from its forest alone.
 
+mod bagging;
 mod forest;
 mod grow;
 mod loss;
@@ -12,6 +13,7 @@ mod options;
 mod reject;
 mod samples;
 
+pub use bagging::Bagging;
 pub use forest::{TrainedForest, TrainedTree};
 pub use loss::Loss;
 pub use options::Options;
@@ -281,6 +283,8 @@ impl<'a> Booster<'a> {
             min_hessian: options.min_hessian,
             min_rows: options.min_rows,
             min_gain: options.min_gain,
+            node_features: 1.0,
+            seed: 0,
         };
         let samples = self.train.data.samples;
         let (splits, steps) = grow(samples, &rows, &features, limits);

@@ -1,0 +1,207 @@
+//! The slices of a cube along the optical flow of its window (level 6).
+//!
+//! What the paper compares Algorithm 1 with: pyramidal Lucas-Kanade flow says where the picture in the window was a frame
+//! before, from slice to slice. It follows what has structure, which before trees and fields is the background.
+
+use crate::cube::{Cube, SLICES};
+use crate::flow;
+use crate::image::Image;
+use crate::motion::{FIRST_SCALAR, Path, Position, Slices};
+use crate::pyramid;
+
+/// Levels of the flow's own pyramid: windows of the target, of the cube, and of twice that.
+const LEVELS: usize = 3;
+
+/// Side of the pictures in which a window is followed, in pixels of the window's level.
+const SIDE: usize = 80;
+
+/// Most samples of the frame along one side of a pixel of the level: keeps coarse levels from aliasing.
+const MOST_SAMPLES: i64 = 4;
+
+/// A small pyramid of the surroundings of a point.
+struct Surroundings {
+    pixels: [u8; Self::LEN],
+}
+
+impl Surroundings {
+    const LEN: usize = SIDE * SIDE * 21 / 16;
+    const EMPTY: Self = Self { pixels: [0; Self::LEN] };
+
+    /// Takes the surroundings of `centre` (Q8 pixels of the frame) with pixels of `scale` (Q16) frame pixels.
+    fn take(&mut self, frame: &Image<'_>, centre: (i32, i32), scale: u32) {
+        let scale = i64::from(scale);
+        let samples = ((scale + 65535) >> 16).clamp(1, MOST_SAMPLES);
+        // Place of sample `a` of pixel `i` in the frame, in sixteenths of a pixel from the middle of pixel 0.
+        let place = |centre: i32, i: usize, a: i64| {
+            let from_middle = 2 * samples * (i as i64 - SIDE as i64 / 2) + 2 * a + 1;
+            (i64::from(centre) * 16 + (((from_middle * scale) / (2 * samples)) >> 4) - 2048) >> 8
+        };
+        let (right, bottom) = (frame.width() as i64 - 1, frame.height() as i64 - 1);
+        for (j, row) in self.pixels[..SIDE * SIDE].chunks_exact_mut(SIDE).enumerate() {
+            for (i, out) in row.iter_mut().enumerate() {
+                let mut sum = 0;
+                for b in 0..samples {
+                    let y = place(centre.1, j, b);
+                    let at = |row: i64| frame.row(row.clamp(0, bottom) as usize);
+                    let (upper, lower) = (at(y >> 4), at((y >> 4) + 1));
+                    for a in 0..samples {
+                        let x = place(centre.0, i, a);
+                        let column = |column: i64| column.clamp(0, right) as usize;
+                        let (left, next) = (column(x >> 4), column((x >> 4) + 1));
+                        let across = |row: &[u8]| {
+                            i64::from(row[left]) * (16 - (x & 15)) + i64::from(row[next]) * (x & 15)
+                        };
+                        sum += across(upper) * (16 - (y & 15)) + across(lower) * (y & 15);
+                    }
+                }
+                *out = (sum / (256 * samples * samples)) as u8;
+            }
+        }
+        let (mut above, mut rest) = self.pixels.split_at_mut(SIDE * SIDE);
+        for level in 1..LEVELS {
+            let (out, below) = rest.split_at_mut((SIDE >> level) * (SIDE >> level));
+            pyramid::halve(picture(above, level - 1), out);
+            (above, rest) = (out, below);
+        }
+    }
+
+    /// The levels, finest first.
+    fn levels(&self) -> [Image<'_>; LEVELS] {
+        let mut rest = &self.pixels[..];
+        core::array::from_fn(|level| {
+            let (pixels, below) = rest.split_at((SIDE >> level) * (SIDE >> level));
+            rest = below;
+            picture(pixels, level)
+        })
+    }
+}
+
+fn picture(pixels: &[u8], level: usize) -> Image<'_> {
+    Image::packed(pixels, SIDE >> level, SIDE >> level).expect("the pixels are those of the level")
+}
+
+/// From the middle of `from` to what looks like it in `to`: pixels of the finest level, Q8. Where the flow of a level
+/// cannot be found, that of the coarser one stands.
+fn track(from: &Surroundings, to: &Surroundings) -> (i32, i32) {
+    let (from, to) = (from.levels(), to.levels());
+    let mut shift = (0, 0);
+    for level in (0..LEVELS).rev() {
+        let middle = (SIDE as i32) << 7 >> level;
+        let guess = (shift.0 >> level, shift.1 >> level);
+        if let Some((x, y)) = flow::track(from[level], to[level], (middle, middle), guess) {
+            shift = (x << level, y << level);
+        }
+    }
+    shift
+}
+
+/// Cuts the cube of the window at `start`: each older slice lies where the flow from the slice before leads, sought from
+/// where the background's motion puts it. `frames` are those of `slices`, newest first.
+pub fn follow(
+    slices: &Slices<'_>,
+    frames: &[Image<'_>; SLICES],
+    start: Position,
+    cube: &mut Cube,
+) -> Path {
+    let mut path = Path::default();
+    let (mut here, mut there) = (Surroundings::EMPTY, Surroundings::EMPTY);
+    let mut at = start;
+    for k in 0..SLICES {
+        let mut origin = at;
+        if let Some(newer) = k.checked_sub(1) {
+            let centre = at.centre(slices.scale);
+            let guess = slices.motions[newer].map(centre.0, centre.1);
+            origin = Position::centred(guess, slices.scale);
+            here.take(&frames[newer], centre, slices.scale);
+            there.take(&frames[k], guess, slices.scale);
+            let (x, y) = track(&here, &there);
+            let pixels = |shift: i32| ((i64::from(shift) * i64::from(slices.scale)) >> 16) as i32;
+            at = Position::centred((guess.0 + pixels(x), guess.1 + pixels(y)), slices.scale);
+        }
+        cube.slices[k].cut(&slices.tables[k], at.x, at.y);
+        path.positions[k] = at;
+        path.moved[k] = Position { x: at.x - origin.x, y: at.y - origin.y };
+    }
+    cube.newest.cut(&slices.newest, start.x, start.y);
+    cube.scalars[FIRST_SCALAR..].copy_from_slice(&path.scalars());
+    path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::SUBCELL;
+    use crate::flow::tests::{render, texture};
+    use crate::gradient::CELL;
+    use crate::integral::{Integral, words};
+    use crate::registration::Motion;
+    use std::vec;
+    use std::vec::Vec;
+
+    const WIDTH: usize = 320;
+    const HEIGHT: usize = 240;
+
+    fn empty() -> Cube {
+        Cube::EMPTY
+    }
+
+    /// Positions of the slices where the picture moves by `step` pixels a frame, in frame pixels from the newest.
+    fn followed(step: (f64, f64), scale: u32) -> [(f64, f64); SLICES] {
+        let frames: Vec<Vec<u8>> = (0..SLICES)
+            .map(|k| {
+                let (dx, dy) = (step.0 * k as f64, step.1 * k as f64);
+                render(WIDTH, HEIGHT, |x, y| texture(x + dx, y + dy))
+            })
+            .collect();
+        let frames = core::array::from_fn(|k| Image::packed(&frames[k], WIDTH, HEIGHT).unwrap());
+        let table = vec![0; words(160, 120)];
+        let table = Integral::new(&table, 160, 120);
+        let slices = Slices {
+            tables: [table; SLICES],
+            newest: table,
+            motions: [Motion::IDENTITY; SLICES - 1],
+            scale,
+        };
+        let start = Position::centred((160 << 8, 120 << 8), scale);
+        let path = follow(&slices, &frames, start, &mut empty());
+        let unit = f64::from(scale) / 65536.0 * CELL as f64 / f64::from(SUBCELL);
+        path.positions.map(|p| (f64::from(p.x - start.x) * unit, f64::from(p.y - start.y) * unit))
+    }
+
+    #[test]
+    fn slices_follow_a_moving_picture() {
+        for scale in [65536, 92682, 3 * 65536] {
+            for step in [(0.0, 0.0), (2.5, -1.5), (-4.0, 6.0)] {
+                let quarter = f64::from(scale) / 65536.0 / 2.0;
+                for (k, (x, y)) in followed(step, scale).into_iter().enumerate() {
+                    // What was at x a frame ago is at x + step now: the older slice lies against the motion.
+                    let (wx, wy) = (-step.0 * k as f64, -step.1 * k as f64);
+                    let allowed = 0.1 + quarter * k as f64;
+                    assert!(
+                        (x - wx).abs() <= allowed && (y - wy).abs() <= allowed,
+                        "{scale} {step:?} {k}: {x} {y}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_plain_picture_holds_the_slices_where_they_are() {
+        let plain = [Image::packed(&[90; 64 * 48], 64, 48).unwrap(); SLICES];
+        let table = vec![0; words(32, 24)];
+        let table = Integral::new(&table, 32, 24);
+        let slices = Slices {
+            tables: [table; SLICES],
+            newest: table,
+            motions: [Motion::IDENTITY; SLICES - 1],
+            scale: 65536,
+        };
+        // Partly outside, too.
+        for x in [-30, 20, 100] {
+            let start = Position { x, y: 20 };
+            let path = follow(&slices, &plain, start, &mut empty());
+            assert_eq!((path.positions, path.moves), ([start; SLICES], 0));
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! The competitors: trained and compared by the built program, on simulated flights.
+#![cfg(feature = "std")]
+
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// The methods that are trained beside ours.
+const TRAINED: [&str; 7] = ["paper", "stcube", "stcube-flow", "park", "acf", "forest", "hog3d"];
+
+fn lookout(folder: &TempDir, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_lookout"))
+        .args(args)
+        .current_dir(folder.path())
+        .env_remove("LOOKOUT_LOG")
+        .output()
+        .unwrap()
+}
+
+fn succeeded(folder: &TempDir, args: &[&str]) -> String {
+    let output = lookout(folder, args);
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// The last line of a failed run.
+fn complaint(folder: &TempDir, args: &[&str]) -> String {
+    let output = lookout(folder, args);
+    assert_eq!(output.status.code(), Some(1), "{args:?}");
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(!text.contains("panicked"), "{text}");
+    text.lines().last().unwrap().to_owned()
+}
+
+/// A split of two short flights.
+fn split(folder: &TempDir) {
+    for seed in ["1", "2"] {
+        let clip = format!("data/flight{seed}");
+        let size = ["--width", "256", "--height", "192", "--fps", "10", "--seconds", "2.4"];
+        let which = ["simulate", "--out", &clip, "--kind", "crossing", "--seed", seed];
+        succeeded(folder, &[&which[..], &size].concat());
+    }
+}
+
+/// Trains so little that nothing is learned well.
+fn train(folder: &TempDir, method: &str) {
+    let out = format!("methods/{method}.lkm");
+    let settings = [
+        "--samples=16",
+        "--hold-back=0",
+        "--plain",
+        "--mining=1",
+        "--scan-trees=16",
+        "--regressor-trees=6",
+        "--cube-trees=20",
+        "--features=80",
+    ];
+    let which = ["train", "data", "--method", method, "--out", &out];
+    succeeded(folder, &[&which[..], &settings].concat());
+}
+
+#[test]
+fn every_method_is_trained_and_stands_in_the_report() {
+    let folder = tempfile::tempdir().unwrap();
+    split(&folder);
+    fs::create_dir(folder.path().join("methods")).unwrap();
+    TRAINED.iter().for_each(|method| train(&folder, method));
+
+    let methods = format!("{},difference", TRAINED.join(","));
+    let printed = succeeded(
+        &folder,
+        &["eval", "data", "--method", &methods, "--report", "report", "--out", "out", "--json"],
+    );
+    let lines: Vec<Value> = printed.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let names: Vec<&str> = lines.iter().map(|line| line["method"].as_str().unwrap()).collect();
+    let mut expected = TRAINED.to_vec();
+    expected.extend(["difference", "ours"]);
+    assert_eq!(names, expected);
+    // Only what has a scan tells of it.
+    assert!(lines.iter().all(|line| line["scan"].is_null() == (line["method"] == "difference")));
+
+    let json = fs::read(folder.path().join("report/report.json")).unwrap();
+    let json: Value = serde_json::from_slice(&json).unwrap();
+    let reported = json["methods"].as_array().unwrap();
+    assert_eq!(reported.len(), expected.len());
+    for line in &lines {
+        let name = &line["method"];
+        let report = reported.iter().find(|r| r["name"] == *name).unwrap();
+        assert!(report["median_ms_per_frame"].as_f64().unwrap() > 0.0, "{report}");
+        // What was written is what was scored.
+        let out = match name.as_str().unwrap() {
+            "ours" => "out".to_owned(),
+            other => format!("out/{other}"),
+        };
+        let score = succeeded(&folder, &["score", "data", &out, "--json"]);
+        let score: Value = serde_json::from_str(&score).unwrap();
+        assert_eq!(score["reports"], line["reports"], "{name}");
+    }
+
+    // A model's own parts are run by every verb.
+    let acf =
+        ["replay", "data/flight1", "--model", "methods/acf.lkm", "--threshold=-32768", "--digest"];
+    let digest = succeeded(&folder, &acf);
+    for part in ["--no-stcube", "--no-persistence", "--no-temporal", "--no-registration"] {
+        assert_eq!(succeeded(&folder, &[&acf[..], &[part]].concat()), digest, "{part}");
+    }
+
+    fs::copy(folder.path().join("methods/acf.lkm"), folder.path().join("methods/park.lkm"))
+        .unwrap();
+    let mixed = complaint(&folder, &["eval", "data", "--method", "park"]);
+    assert!(mixed.contains("park.lkm: a model of the method acf; make it with"), "{mixed}");
+}
+
+#[test]
+fn what_is_missing_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    split(&folder);
+    let missing = complaint(&folder, &["eval", "data", "--method", "acf", "--models", "models"]);
+    let command = "make it with `lookout train DATA... --method acf --out models/acf.lkm`";
+    assert!(missing.contains(command), "{missing}");
+    let nothing =
+        complaint(&folder, &["train", "data", "--method", "difference", "--out", "x.lkm"]);
+    assert!(nothing.contains("`lookout eval DATA_SPLIT --method difference`"), "{nothing}");
+    assert!(!Path::new(&folder.path().join("x.jsonl")).exists());
+    let alone = succeeded(&folder, &["eval", "data", "--method", "difference"]);
+    assert!(alone.starts_with("method: difference\n") && !alone.contains("scan_recall"), "{alone}");
+}
