@@ -164,6 +164,7 @@ impl From<ScanCounts> for ScanFigures {
 pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
     let model = ModelFile::load(args.detector.model.as_deref())?;
     let model = model.parse()?;
+    args.detector.least_score(&model)?;
     let clips = args.split.clips()?;
     if let Some(out) = &args.out {
         fs::create_dir_all(out).map_err(Error::write(out))?;
