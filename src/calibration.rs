@@ -24,8 +24,7 @@ pub struct Knot {
 impl Knot {
     /// The bytes in the file.
     pub fn encode(self) -> [u8; KNOT] {
-        let ([a, b, c, d], [e, f, g, h]) =
-            (self.score.to_le_bytes(), self.precision.to_le_bytes());
+        let ([a, b, c, d], [e, f, g, h]) = (self.score.to_le_bytes(), self.precision.to_le_bytes());
         [a, b, c, d, e, f, g, h]
     }
 

@@ -252,12 +252,10 @@ fn a_model_is_what_was_written() {
     assert_eq!(model.method(), common::METHOD);
     assert_eq!(model.provenance(), r#"{"made":"by hand"}"#);
     // 0.9 as 58 982 / 65 536: a score of 0.
-    assert_eq!([1, 58_982, 58_983, 65_537].map(|p| model.calibration().threshold(p)), [
-        Some(-1 << 16),
-        Some(0),
-        Some(3 << 16),
-        None
-    ]);
+    assert_eq!(
+        [1, 58_982, 58_983, 65_537].map(|p| model.calibration().threshold(p)),
+        [Some(-1 << 16), Some(0), Some(3 << 16), None]
+    );
     for section in Section::ALL {
         assert_eq!(model.section(section), sections[section as usize]);
     }

@@ -53,13 +53,17 @@ pub enum Error {
         source: ModelError,
     },
     /// A precision is asked for of a model that does not know what its scores are worth.
-    #[error("--min-precision {wanted:.3}: the model has no table of precisions; give --threshold, or measure one with `lookout train --calibrate`")]
+    #[error(
+        "--min-precision {wanted:.3}: the model has no table of precisions; give --threshold, or measure one with `lookout train --calibrate`"
+    )]
     NotCalibrated {
         /// What was asked for.
         wanted: f64,
     },
     /// A precision is asked for that the model does not reach.
-    #[error("--min-precision {wanted:.3}: no score of this model reached more than {best:.3}; ask for less, or give --threshold")]
+    #[error(
+        "--min-precision {wanted:.3}: no score of this model reached more than {best:.3}; ask for less, or give --threshold"
+    )]
     Precision {
         /// What was asked for.
         wanted: f64,

@@ -181,7 +181,8 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
     let mut counts = ScanCounts::default();
     results.iter().for_each(|result| counts.add(&result.scan));
     print(&reports(&clips, &results), Some(counts.into()), args.split.json)?;
-    if let Some(plan) = plan {
+    if let Some(mut plan) = plan {
+        plan.measure_regressors(&clips, &model, &args.detector, args.jobs)?;
         let runs = results.into_iter().filter_map(|r| Some((r.found, r.seen?))).collect();
         return plan.write(&args.split.data, &clips, runs, args.jobs);
     }

@@ -108,11 +108,8 @@ fn knots(mut detections: Vec<Pool>) -> Vec<Knot> {
         let mut pool = equals[0];
         equals[1..].iter().for_each(|other| pool.add(other));
         while let Some(higher) = pools.pop_if(|higher| higher.precision() <= pool.precision()) {
-            pool = Pool {
-                right: higher.right + pool.right,
-                wrong: higher.wrong + pool.wrong,
-                ..pool
-            };
+            pool =
+                Pool { right: higher.right + pool.right, wrong: higher.wrong + pool.wrong, ..pool };
         }
         pools.push(pool);
     }
@@ -180,8 +177,11 @@ mod tests {
         // 4 of 7, 4 of 5, 2 of 2; that 7 alone is wrong is pooled with 6 and 5.
         assert_eq!(found, [(3, 4 * ONE / 7), (5, 4 * ONE / 5), (8, ONE)]);
         assert!(knots(Vec::new()).is_empty());
-        assert_eq!(in_words(&table), "0.5 from score 0.00, 0.8 from score 0.00, 0.9 from score 0.00, \
-                                      0.95 from score 0.00, 0.99 from score 0.00");
+        assert_eq!(
+            in_words(&table),
+            "0.5 from score 0.00, 0.8 from score 0.00, 0.9 from score 0.00, \
+                                      0.95 from score 0.00, 0.99 from score 0.00"
+        );
         assert_eq!(in_words(&[]), "not measured");
     }
 
