@@ -160,3 +160,29 @@ pub fn refresh_card(path: &Path, model: &Path, bytes: &[u8], precision: &str) ->
     lines.insert(end, &row);
     super::write(path, format!("{before}{BEGIN}{}\n{END}{after}", lines.join("\n")).as_bytes())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_new_table_changes_its_rows_of_the_card_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let (card, model) = (folder.path().join("README.md"), folder.path().join("a.lkm"));
+        let refresh = |precision: &str| {
+            refresh_card(&card, &model, &[0; 24], precision).unwrap();
+            fs::read_to_string(&card).unwrap_or_default()
+        };
+        assert_eq!(refresh("0.9 from score 1.00"), "", "no card is begun");
+        let text = |model: &str, precision: &str| {
+            format!(
+                "# a.lkm\n\n{BEGIN}\n| | |\n| --- | --- |\n{model}\n| command | `x` |\n{precision}| time | 7 minutes |\n{END}\n\nMore.\n"
+            )
+        };
+        fs::write(&card, text("| model | old |", "")).unwrap();
+        let row = |precision| format!("{}\n", precision_row(precision));
+        let model_row = model_row("a.lkm", &[0; 24]);
+        assert_eq!(refresh("first"), text(&model_row, &row("first")));
+        assert_eq!(refresh("second"), text(&model_row, &row("second")));
+    }
+}
