@@ -97,7 +97,6 @@ fn measured_for_a_model_and_used() {
         let text = complaint(&[verb, &["--model", &bare, "--min-precision", "0.9"]].concat());
         assert!(text.contains("no table of precisions; give --threshold"), "{text}");
     }
-    let mut sections = sections;
     let knot = lookout::calibration::Knot { score: 0, precision: 1 << 15 };
     sections[Section::Calibration as usize] = knot.encode().to_vec();
     fs::write(&bare, common::assemble(&sections)).unwrap();

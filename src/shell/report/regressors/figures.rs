@@ -176,7 +176,9 @@ fn breakdowns(trials: &[Trial]) -> Vec<Breakdown> {
     };
     let all: Vec<&Trial> = trials.iter().collect();
     let slice = |k: usize| {
-        let name = if k == 0 { "newest frame".into() } else { format!("{k} frames ago") };
+        let name = ["newest frame", "1 frame ago"]
+            .get(k)
+            .map_or(format!("{k} frames ago"), |n| (*n).into());
         group(name, &all, k..k + 1)
     };
     vec![
