@@ -63,6 +63,7 @@
 //! | 2 | [`registration`] | the motion of the background from frame to frame |
 //! | 2 | [`traffic`] | what is told to others about an object: where it is, how near, how dangerous |
 //! | 1 | [`detection`] | what was found in a frame |
+//! | 1 | [`calibration`] | what share of detections of a score is right |
 //! | 1 | [`persistence`] | what was there a frame ago makes a detection surer |
 //! | 1 | [`trees`] | boosted trees and their cascade; they know no image |
 //! | 1 | [`planar`] | a motion of the whole picture, fitted to the motion of points |
@@ -79,6 +80,7 @@
 #[cfg(any(test, feature = "std"))]
 extern crate std;
 
+pub mod calibration;
 pub mod channels;
 #[cfg(feature = "mavlink")]
 pub mod component;

@@ -2,8 +2,10 @@
 //!
 //! Little-endian. `LOOKOUT\0`, format version (`u16`), two bytes of 0, length of the file (`u32`), CRC-32 of all that
 //! follows (ISO-HDLC, `u32`), the geometry that the trees were trained on (8 bytes), the lengths of the sections
-//! (`u32` each), the sections. What the reader was not built for is refused, never guessed.
+//! (`u32` each), the sections. What the reader was not built for is refused, never guessed. Version 1 had no
+//! [`Section::Calibration`]: it is read as an empty one.
 
+use crate::calibration::Calibration;
 use crate::channels::MAP_CHANNELS;
 use crate::cube::{SLICES, WINDOW};
 use crate::feature::Features;
@@ -15,8 +17,8 @@ use crate::trees::{Forest, ForestError};
 /// First bytes of a model file.
 pub const MAGIC: [u8; 8] = *b"LOOKOUT\0";
 
-/// Format version that this reader reads.
-pub const VERSION: u16 = 1;
+/// Format version that is written. All from 1 to this one are read.
+pub const VERSION: u16 = 2;
 
 /// Sections in the order of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,11 +45,13 @@ pub enum Section {
     BoxWidth,
     /// Height of the box.
     BoxHeight,
+    /// What a score is worth; may be empty.
+    Calibration,
 }
 
 impl Section {
     /// All sections in the order of the file.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Provenance,
         Self::Scan,
         Self::PatchFeatures,
@@ -59,7 +63,13 @@ impl Section {
         Self::BoxY,
         Self::BoxWidth,
         Self::BoxHeight,
+        Self::Calibration,
     ];
+
+    /// Sections in a file of a version.
+    const fn count(version: u16) -> usize {
+        if version == 1 { Self::ALL.len() - 1 } else { Self::ALL.len() }
+    }
 
     const fn name(self) -> &'static str {
         match self {
@@ -74,12 +84,17 @@ impl Section {
             Self::BoxY => "box y regressor",
             Self::BoxWidth => "box width regressor",
             Self::BoxHeight => "box height regressor",
+            Self::Calibration => "precisions",
         }
     }
 }
 
 /// Bytes before the sections.
-pub const HEADER: usize = 28 + 4 * Section::ALL.len();
+pub const HEADER: usize = header(VERSION);
+
+const fn header(version: u16) -> usize {
+    28 + 4 * Section::count(version)
+}
 
 /// What the trees depend on and cannot be changed: window, cell, orientations, slices, channels of the map. Behind
 /// them stand the [`Method`] (2 bytes) and a byte of 0.
@@ -174,7 +189,7 @@ impl core::fmt::Display for ModelError {
             Self::NotAModel => f.write_str("not a Lookout model (no LOOKOUT mark at its start)"),
             Self::Version { found } => write!(
                 f,
-                "model format {found}, this program reads format {VERSION}: train anew or take a matching release"
+                "model format {found}, this program reads formats 1 to {VERSION}: train anew or take a matching release"
             ),
             Self::Length { expected, found } => {
                 write!(
@@ -205,6 +220,7 @@ pub struct Model<'m> {
     features: Features<'m>,
     cube: Forest<'m>,
     boxes: [Forest<'m>; 4],
+    calibration: Calibration<'m>,
 }
 
 /// CRC-32 of a model's bytes behind its checksum.
@@ -228,12 +244,12 @@ impl<'m> Model<'m> {
             return Err(ModelError::NotAModel);
         }
         let version = u16::from_le_bytes([bytes[8], bytes[9]]);
-        if version != VERSION {
+        if !(1..=VERSION).contains(&version) {
             return Err(ModelError::Version { found: version });
         }
-        let found = bytes.len();
-        if found < HEADER {
-            return Err(ModelError::Length { expected: HEADER, found });
+        let (found, header) = (bytes.len(), header(version));
+        if found < header {
+            return Err(ModelError::Length { expected: header, found });
         }
         let expected = word(bytes, 12);
         if found != expected {
@@ -247,8 +263,8 @@ impl<'m> Model<'m> {
             return Err(ModelError::Geometry);
         };
         let mut sections = [&[][..]; Section::ALL.len()];
-        let mut rest = &bytes[HEADER..];
-        for (i, section) in sections.iter_mut().enumerate() {
+        let mut rest = &bytes[header..];
+        for (i, section) in sections.iter_mut().take(Section::count(version)).enumerate() {
             let length = word(bytes, 28 + 4 * i);
             let Some((head, tail)) = rest.split_at_checked(length) else {
                 return Err(ModelError::Length { expected: found + length - rest.len(), found });
@@ -288,7 +304,9 @@ impl<'m> Model<'m> {
             forest(Section::BoxHeight, count)?,
         ];
         let cube = forest(Section::Cube, count)?;
-        Ok(Self { bytes, method, provenance, scan, regressors, features, cube, boxes })
+        let calibration = Calibration::parse(section(Section::Calibration))
+            .ok_or(ModelError::Content { section: Section::Calibration })?;
+        Ok(Self { bytes, method, provenance, scan, regressors, features, cube, boxes, calibration })
     }
 
     /// The parts of the method that it was trained with.
@@ -303,8 +321,12 @@ impl<'m> Model<'m> {
 
     /// The bytes of one section.
     pub fn section(&self, section: Section) -> &'m [u8] {
+        let version = u16::from_le_bytes([self.bytes[8], self.bytes[9]]);
+        if section as usize >= Section::count(version) {
+            return &[];
+        }
         let length = |i: usize| word(self.bytes, 28 + 4 * i);
-        let start = HEADER + (0..section as usize).map(length).sum::<usize>();
+        let start = header(version) + (0..section as usize).map(length).sum::<usize>();
         &self.bytes[start..start + length(section as usize)]
     }
 
@@ -337,5 +359,10 @@ impl<'m> Model<'m> {
     /// logarithms of width and height over the nominal target's in Q8.
     pub fn boxes(&self) -> &[Forest<'m>; 4] {
         &self.boxes
+    }
+
+    /// What a score is worth; without knots where that was not measured.
+    pub fn calibration(&self) -> &Calibration<'m> {
+        &self.calibration
     }
 }

@@ -121,6 +121,10 @@ pub struct Path {
     pub moved: [Position; SLICES],
     /// Moves of all slices together.
     pub moves: u32,
+    /// Moves of each slice.
+    pub slice_moves: [u8; SLICES],
+    /// Whether the regressors came to rest in a slice: its last move was no longer than ε. Otherwise n_max ended it.
+    pub settled: [bool; SLICES],
 }
 
 /// First of the scalars that [`compensate`] writes: see [`Path::scalars`].
@@ -164,7 +168,7 @@ pub fn compensate(
             let (x, y) = at.centre(slices.scale);
             at = Position::centred(slices.motions[k - 1].map(x, y), slices.scale);
         }
-        let origin = at;
+        let (origin, before) = (at, path.moves);
         let (table, patch) = (&slices.tables[k], &mut cube.slices[k]);
         patch.cut(table, at.x, at.y);
         for _ in 0..regressors.map_or(0, |_| MAX_MOVES) {
@@ -181,16 +185,17 @@ pub fn compensate(
                 y: bound(at.y + quarters(v), origin.y),
             };
             let (dx, dy) = (next.x - at.x, next.y - at.y);
-            if (dx, dy) == (0, 0) {
-                break;
+            if (dx, dy) != (0, 0) {
+                at = next;
+                patch.cut(table, at.x, at.y);
+                path.moves += 1;
             }
-            at = next;
-            patch.cut(table, at.x, at.y);
-            path.moves += 1;
             if dx * dx + dy * dy <= EPSILON_SQUARED {
+                path.settled[k] = true;
                 break;
             }
         }
+        path.slice_moves[k] = (path.moves - before) as u8;
         path.positions[k] = at;
         path.moved[k] = Position { x: at.x - origin.x, y: at.y - origin.y };
     }
@@ -374,6 +379,8 @@ mod tests {
             let path = push(horizontal, vertical);
             assert_eq!(path.moved, [Position { x, y }; SLICES], "{horizontal} {vertical}");
             assert_eq!(path.moves, 4 * moves, "{horizontal} {vertical}");
+            assert_eq!(path.slice_moves, [moves as u8; SLICES], "{horizontal} {vertical}");
+            assert_eq!(path.settled, [moves < 4; SLICES], "{horizontal} {vertical}");
         }
         // A regressor gone mad does no more than go as far as it may.
         let path = push(i32::MAX, i32::MIN);

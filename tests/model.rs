@@ -159,7 +159,7 @@ fn each_refusal_says_why() {
 
     let (error, text) = refusal(|bytes| bytes[8] += 1);
     assert_eq!(error, ModelError::Version { found: VERSION + 1 });
-    assert!(text.contains("model format 2") && text.contains("reads format 1"), "{text}");
+    assert!(text.contains("model format 3") && text.contains("reads formats 1 to 2"), "{text}");
 
     let (error, text) = refusal(|bytes| bytes.push(0));
     let length = model().len();
@@ -197,6 +197,10 @@ fn each_refusal_says_why() {
     let feature = ForestError::Feature { tree: 0, node: 0, feature: 4, features: 4 };
     assert_eq!(error, ModelError::Trees { section: Section::Vertical, error: feature });
     assert!(text.contains("vertical regressor") && text.contains("feature 4 of 4"), "{text}");
+
+    let (error, text) = refused(Section::Calibration, &[0xff; 8]);
+    assert_eq!(error, ModelError::Content { section: Section::Calibration });
+    assert!(text.contains("precisions are not valid"), "{text}");
 
     let (error, text) = refused(Section::Provenance, &[0xff]);
     assert_eq!(error, ModelError::Content { section: Section::Provenance });
@@ -247,8 +251,30 @@ fn a_model_is_what_was_written() {
     assert_eq!(model.bytes(), bytes);
     assert_eq!(model.method(), common::METHOD);
     assert_eq!(model.provenance(), r#"{"made":"by hand"}"#);
+    // 0.9 as 58 982 / 65 536: a score of 0.
+    assert_eq!(
+        [1, 58_982, 58_983, 65_537].map(|p| model.calibration().threshold(p)),
+        [Some(-1 << 16), Some(0), Some(3 << 16), None]
+    );
     for section in Section::ALL {
         assert_eq!(model.section(section), sections[section as usize]);
     }
+    run(&model);
+}
+
+#[test]
+fn version_1_is_read_and_knows_no_precisions() {
+    let (sections, mut bytes) = (sections(), model());
+    // Without the last section and its length.
+    bytes.truncate(bytes.len() - sections[Section::Calibration as usize].len());
+    bytes.drain(HEADER - 4..HEADER);
+    bytes[8] = 1;
+    repair(&mut bytes);
+    let model = Model::parse(&bytes).unwrap();
+    for section in Section::ALL {
+        let old = section != Section::Calibration;
+        assert_eq!(model.section(section), if old { &sections[section as usize][..] } else { &[] });
+    }
+    assert_eq!(model.calibration().threshold(0), None);
     run(&model);
 }

@@ -165,6 +165,8 @@ fn the_other_method_by_hand() {
     assert_eq!(any["bird_detections"], 5);
     assert_eq!(any["bird_detections_per_1000_bird_boxes"].as_f64().unwrap().round(), 833.0);
     assert_eq!(any["false_alarms_without_target"], 1);
+    let per_hour = any["false_alarms_without_target_per_hour"].as_f64().unwrap();
+    assert_eq!(per_hour.round(), 30.0 * 3600.0 / 5.0);
     let by = |name: &str| {
         let all = other["breakdowns"].as_array().unwrap();
         all.iter().find(|b| b["by"] == name).unwrap()["groups"].as_array().unwrap().clone()
@@ -173,6 +175,10 @@ fn the_other_method_by_hand() {
     assert_eq!(kinds, ["collision", "crossing", "none"]);
     // The four targets found in the east are all that there is in collisions: no false alarm.
     assert_eq!(by("kind")[0]["AveP"][0]["value"], 0.8);
+    let collisions = &json["collisions"];
+    assert_eq!((&collisions["clips"], &collisions["targets"]), (&1.into(), &5.into()));
+    assert_eq!(collisions["methods"][1]["AveP"][0]["value"], 0.8);
+    assert!(collisions["methods"][1]["first_less_this"][1]["value"].is_number());
     assert_eq!(by("kind")[2]["AveP"][0]["value"], Value::Null);
     let agitation: Vec<Value> = by("agitation").iter().map(|g| g["name"].clone()).collect();
     assert_eq!(agitation, ["0.35", "1.8"]);
@@ -203,12 +209,49 @@ fn the_page_stands_alone() {
     }
     assert!(html.split("src=\"").skip(1).all(|src| src.starts_with("data:image/png;base64,")));
     assert!(unbalanced(&html).is_empty());
-    // Two plots each of precision, false alarms, and by size, contrast, agitation, kind, class.
-    assert_eq!(html.matches("<svg ").count(), 14);
+    // Two plots each of precision, false alarms, the regressors, and by size, contrast, agitation, kind, class.
+    assert_eq!(html.matches("<svg ").count(), 16);
     assert!(html.contains("a&lt;b &amp; c") && !html.contains("a<b"));
     let strips = |name: &str| json[name].as_array().unwrap().len();
     assert_eq!(html.matches("<img ").count(), strips("misses") + strips("false_alarms"));
     assert!(!html.contains("NaN") && !html.contains(">inf"));
+}
+
+#[test]
+fn algorithm_1_alone() {
+    let figures = &made().json["regressors"];
+    // Targets are seen in four frames in a row from the fourth frame on: 5 frames of two clips, 4 starts each.
+    assert_eq!((&figures["clips"], &figures["cubes"]), (&2.into(), &40.into()));
+    let moves: f64 = figures["moves"].as_array().unwrap().iter().map(|m| m.as_f64().unwrap()).sum();
+    assert!((moves - 1.0).abs() < 1e-9);
+    let breakdowns = figures["breakdowns"].as_array().unwrap();
+    for breakdown in breakdowns {
+        let groups = breakdown["groups"].as_array().unwrap();
+        let slices: u64 = groups.iter().map(|g| g["slices"].as_u64().unwrap()).sum();
+        assert_eq!(slices, if breakdown["by"] == "slice" { 160 } else { 120 }, "{breakdown}");
+    }
+    let ways =
+        |breakdown: usize, group: usize| breakdowns[breakdown]["groups"][group]["ways"].clone();
+    // The target moves by 2 px a frame, the background stands still.
+    assert_eq!(ways(0, 0)[0]["motion_px"]["median"], 4.0);
+    assert_eq!(ways(0, 0)[0]["motion_px"]["p90"], 6.0);
+    // In the newest frame neither of the others has moved the window.
+    let newest = ways(5, 0);
+    assert_eq!(newest[0]["centre_px"], newest[2]["centre_px"]);
+    assert_ne!(newest[0]["centre_px"], newest[1]["centre_px"]);
+}
+
+#[test]
+fn flights_without_a_box_last_as_long_as_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, report) = (split(&folder), path(&folder, "report"));
+    write(&format!("{data}/west/gt.txt"), "");
+    succeeded(&["eval", &data, "--clips", "west", "--report", &report, "--threshold", "32000"]);
+    let json = fs::read_to_string(Path::new(&report).join("report.json")).unwrap();
+    let json: Value = serde_json::from_str(&json).unwrap();
+    let hours = json["flights"]["hours_without_target"].as_f64().unwrap();
+    assert!((hours * 3600.0 - 5.0 / 30.0).abs() < 1e-9, "{hours}");
+    assert_eq!((&json["collisions"], &json["regressors"]), (&Value::Null, &Value::Null));
 }
 
 #[test]

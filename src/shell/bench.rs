@@ -96,7 +96,7 @@ fn measure(args: &BenchArgs, model: &Model<'_>) -> Result<Figures, Error> {
     let Some(Frame { width, height, .. }) = frames.first() else {
         return Err(Error::NoFrames { input });
     };
-    let config = args.detector.config(model, *width, *height);
+    let config = args.detector.config(model, *width, *height)?;
     let mut memory = Memory::new(&config);
     let mut clock = Clock::default();
     for pass in 0..args.passes {

@@ -53,6 +53,24 @@ pub enum Error {
         /// What is wrong with it.
         source: ModelError,
     },
+    /// A precision is asked for of a model that does not know what its scores are worth.
+    #[error(
+        "--min-precision {wanted:.3}: the model has no table of precisions; give --threshold, or measure one with `lookout train --calibrate`"
+    )]
+    NotCalibrated {
+        /// What was asked for.
+        wanted: f64,
+    },
+    /// A precision is asked for that the model does not reach.
+    #[error(
+        "--min-precision {wanted:.3}: no score of this model reached more than {best:.3}; ask for less, or give --threshold"
+    )]
+    Precision {
+        /// What was asked for.
+        wanted: f64,
+        /// The best that was measured.
+        best: f64,
+    },
     /// Training cannot go on.
     #[error("training: {reason}; give more flights with targets, or other settings")]
     Training {

@@ -173,6 +173,9 @@ impl From<ScanCounts> for ScanFigures {
 pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
     let runs = runs(args, args.report.wanted())?;
     let models = runs.iter().map(Run::model).collect::<Result<Vec<_>, Error>>()?;
+    for model in models.iter().flatten() {
+        args.detector.least_score(model)?;
+    }
     let clips = args.split.clips()?;
     let mut plan = Plan::new(&args.report, &args.split.data, &clips)?;
     interrupt::watch()?;
@@ -199,7 +202,8 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
         let name = (runs.len() > 1 || !ours).then(|| run.method.to_string());
         print(name.as_deref(), &reports(&clips, &results), scan, args.split.json)?;
         if ours {
-            if let Some(plan) = plan {
+            if let (Some(mut plan), Some(model)) = (plan.take(), model) {
+                plan.measure_regressors(&clips, model, &args.detector, args.jobs)?;
                 let runs = results.into_iter().filter_map(|r| Some((r.found, r.seen?))).collect();
                 return plan.write(&args.split.data, &clips, runs, args.jobs);
             }

@@ -6,6 +6,7 @@ use super::error::Error;
 use super::interrupt::{self, Ended};
 use super::methods::MethodName;
 use super::source::{Frame, FrameSource};
+use crate::calibration::ONE;
 use crate::detector::{Buffers, Config, Detections, Detector};
 use crate::model::{Method, Model};
 use std::borrow::Cow;
@@ -53,9 +54,12 @@ pub struct DetectorArgs {
     /// Model file (default: the one shipped in this program)
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Report detections of this score or more (default: -1 in replay, else all)
+    /// Report detections of this score or more (default: all; in replay that of precision 0.9, or -1 where the model has no table)
     #[arg(long, value_name = "SCORE", allow_negative_numbers = true, value_parser = parse_score)]
     pub threshold: Option<i32>,
+    /// Report detections from the score on from which this share of them was right on training clips held back, 0 to 1
+    #[arg(long, value_name = "P", conflicts_with = "threshold", value_parser = parse_precision)]
+    pub min_precision: Option<u32>,
     /// What to leave out.
     #[command(flatten)]
     pub ablation: Ablation,
@@ -65,13 +69,42 @@ pub struct DetectorArgs {
 }
 
 impl DetectorArgs {
-    /// The configuration for frames of this size: the parts that the model was trained with, less those switched off.
-    pub fn config(&self, model: &Model<'_>, width: usize, height: usize) -> Config {
-        let mut config = Config::of_method(width, height, self.ablation.of(model.method()));
-        config.threshold = self.threshold.unwrap_or(config.threshold);
-        config.trace &= !self.no_trace;
-        config
+    /// The least score that was asked for, if any: as it is, or by the model's table.
+    ///
+    /// # Errors
+    /// [`Error::NotCalibrated`], [`Error::Precision`].
+    pub fn least_score(&self, model: &Model<'_>) -> Result<Option<i32>, Error> {
+        let Some(wanted) = self.min_precision else { return Ok(self.threshold) };
+        let share = |precision: u32| f64::from(precision) / f64::from(ONE);
+        match (model.calibration().threshold(wanted), model.calibration().knots().last()) {
+            (Some(score), _) => Ok(Some(score)),
+            (None, None) => Err(Error::NotCalibrated { wanted: share(wanted) }),
+            (None, Some(best)) => {
+                Err(Error::Precision { wanted: share(wanted), best: share(best.precision) })
+            }
+        }
     }
+
+    /// The configuration for frames of this size: the parts that the model was trained with, less those switched off.
+    ///
+    /// # Errors
+    /// As [`DetectorArgs::least_score`].
+    pub fn config(&self, model: &Model<'_>, width: usize, height: usize) -> Result<Config, Error> {
+        let mut config = Config::of_method(width, height, self.ablation.of(model.method()));
+        config.threshold = self.least_score(model)?.unwrap_or(config.threshold);
+        config.trace &= !self.no_trace;
+        Ok(config)
+    }
+}
+
+/// A precision as the user writes it, Q16, rounded down.
+fn parse_precision(text: &str) -> Result<u32, String> {
+    let precision: f64 = text.parse().map_err(|_| format!("'{text}' is not a number"))?;
+    let inside = precision > 0.0 && precision <= 1.0;
+    if !inside {
+        return Err(format!("{text} is not above 0 and at most 1"));
+    }
+    Ok((precision * f64::from(ONE)) as u32)
 }
 
 /// A score as the user writes it, in the detector's units.
@@ -188,7 +221,7 @@ pub fn run(
     each: &mut Each<'_>,
 ) -> Result<Ended, Error> {
     let first = first_frame(input, source)?;
-    let config = args.config(model, first.width, first.height);
+    let config = args.config(model, first.width, first.height)?;
     let mut memory = Memory::new(&config);
     tracing::debug!(input, ?config, bytes = memory.len_bytes(), "detector");
     let refused = |source| Error::Detector { input: input.into(), frame: 1, source };
@@ -285,10 +318,19 @@ mod tests {
     }
 
     #[test]
+    fn precisions_of_the_command_line() {
+        assert_eq!(parse_precision("0.5"), Ok(ONE / 2));
+        assert_eq!(parse_precision("1"), Ok(ONE));
+        for bad in ["x", "nan", "0", "-0.1", "1.01"] {
+            assert!(parse_precision(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
     fn switches_reach_the_configuration() {
         let shipped = ModelFile::load(None).unwrap();
         let model = shipped.parse().unwrap();
-        let all = DetectorArgs::default().config(&model, 64, 48);
+        let all = DetectorArgs::default().config(&model, 64, 48).unwrap();
         assert_eq!(all, Config::of_method(64, 48, model.method()));
         let args = DetectorArgs {
             threshold: Some(5),
@@ -310,6 +352,6 @@ mod tests {
             persistence: false,
             ..all
         };
-        assert_eq!(args.config(&model, 64, 48), none);
+        assert_eq!(args.config(&model, 64, 48).unwrap(), none);
     }
 }

@@ -3,6 +3,7 @@
 
 pub mod golden;
 
+use lookout::calibration::Knot;
 use lookout::detector::{Buffers, Config, Detections, Detector};
 use lookout::image::Image;
 use lookout::model::{self, GEOMETRY, MAGIC, Method, Model, Section, VERSION};
@@ -170,6 +171,9 @@ pub fn sections() -> Sections {
     for section in [Section::BoxX, Section::BoxY, Section::BoxWidth, Section::BoxHeight] {
         put(section, forest(40, -5, &numbers.trees(3, 2, 40, 900, 60)));
     }
+    let knots: [(i32, u32); 3] = [(-1 << 16, 1 << 15), (0, 58_982), (3 << 16, 1 << 16)];
+    let knot = |(score, precision)| Knot { score, precision }.encode();
+    put(Section::Calibration, knots.map(knot).concat());
     sections
 }
 

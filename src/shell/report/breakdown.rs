@@ -45,6 +45,8 @@ pub struct Dimension {
 pub struct ClipTruth<'a> {
     /// What is known of it.
     pub facts: &'a Facts,
+    /// Frames of it, the first ones left out.
+    pub frames: u64,
     /// Whether anything but birds is labelled in it.
     pub has_target: bool,
     /// Contrast of each target.
@@ -207,7 +209,7 @@ pub fn figures(
 }
 
 /// Upper bounds of the first three quarters; equal ones once.
-fn quartiles(mut values: Vec<f64>) -> Vec<f64> {
+pub fn quartiles(mut values: Vec<f64>) -> Vec<f64> {
     values.sort_by(f64::total_cmp);
     let mut bounds: Vec<f64> =
         (1..4).filter_map(|quarter| values.get(values.len() * quarter / 4).copied()).collect();
@@ -216,11 +218,12 @@ fn quartiles(mut values: Vec<f64>) -> Vec<f64> {
 }
 
 /// The group of a value; a bound belongs to the group above it.
-fn group_of(bounds: &[f64], value: f64) -> usize {
+pub fn group_of(bounds: &[f64], value: f64) -> usize {
     bounds.partition_point(|&bound| bound <= value)
 }
 
-fn range_names(bounds: &[f64]) -> Vec<String> {
+/// What the groups between bounds are called.
+pub fn range_names(bounds: &[f64]) -> Vec<String> {
     let Some(last) = bounds.last() else { return vec!["all".into()] };
     let first = format!("below {:.1}", bounds[0]);
     let between = bounds.windows(2).map(|b| format!("{:.1}-{:.1}", b[0], b[1]));

@@ -2,9 +2,11 @@
 
 use super::bootstrap::{Bootstrap, Interval, LEVEL, RESAMPLES, SEED, Sampled};
 use super::breakdown::{self, ClipTruth, Dimension, GroupFigures};
+use super::collisions::CollisionFigures;
 use super::curves;
 use super::gallery::Strip;
 use super::methods::Method;
+use super::regressors::RegressorFigures;
 use crate::shell::clips::Clip;
 use crate::shell::judge::{self, Judged, Verdict, WARMUP};
 use crate::shell::ranking::Ranking;
@@ -32,6 +34,10 @@ pub struct Figures {
     pub bootstrap: BootstrapFigures,
     /// The figures of each method; the detector's own run is first.
     pub methods: Vec<MethodFigures>,
+    /// Flights on a collision course alone; none where there is none.
+    pub collisions: Option<CollisionFigures>,
+    /// Algorithm 1 alone; none where the model has no regressors or no target can be followed.
+    pub regressors: Option<RegressorFigures>,
     /// Targets that the first method never found.
     pub misses: Vec<Strip>,
     /// Its surest false alarms.
@@ -122,6 +128,8 @@ pub struct OperatingPoint {
     pub bird_detections_per_1000_bird_boxes: Option<f64>,
     /// False alarms in clips without a target.
     pub false_alarms_without_target: usize,
+    /// The same in an hour; none where there is no such clip.
+    pub false_alarms_without_target_per_hour: Option<f64>,
 }
 
 /// Figures by groups of targets.
@@ -151,8 +159,8 @@ pub fn judge_method(clips: &[Clip], method: &Method) -> JudgedMethod {
 pub fn flights(judged: &[Judged], truth: &[ClipTruth<'_>]) -> Flights {
     let mut flights = Flights { clips: judged.len(), ..Flights::default() };
     for (judged, truth) in judged.iter().zip(truth) {
-        let hours = hours(judged, truth);
-        flights.frames += judged.frames;
+        let hours = hours(truth);
+        flights.frames += truth.frames;
         flights.hours += hours;
         flights.targets += judged.targets.len();
         flights.bird_boxes += judged.birds;
@@ -164,8 +172,10 @@ pub fn flights(judged: &[Judged], truth: &[ClipTruth<'_>]) -> Flights {
     flights
 }
 
-fn hours(judged: &Judged, truth: &ClipTruth<'_>) -> f64 {
-    judged.frames as f64 / truth.facts.rate / 3600.0
+/// Hours that the frames of a clip last. The scorer's count of frames ends with the last box, which a flight without a
+/// target may not have.
+pub fn hours(truth: &ClipTruth<'_>) -> f64 {
+    truth.frames as f64 / truth.facts.rate / 3600.0
 }
 
 /// How the intervals of this report are made.
@@ -197,7 +207,7 @@ pub fn methods(
                     .sample(&ranking, |ranking, times| ranking.recall_at(times, limit))
                     .interval()
             };
-            let hours = judged.iter().zip(truth).map(|(j, t)| hours(j, t)).sum();
+            let hours = truth.iter().map(hours).sum();
             at_iou.push(AtIou {
                 score: report,
                 average_precision: sampled.interval(),
@@ -256,6 +266,8 @@ fn operating_points(
         let found = all(|v| matches!(v, Verdict::Target(_)));
         let bird_detections = all(|v| v == Verdict::Ignored { bird: true });
         let without = judged.iter().zip(truth).filter(|(_, truth)| !truth.has_target);
+        let without: usize = without.map(|(clip, _)| count(clip, is_alarm)).sum();
+        let hours_without = flights.hours_without_target;
         OperatingPoint {
             limit_per_1000_frames: limit,
             threshold,
@@ -268,7 +280,9 @@ fn operating_points(
             },
             bird_detections,
             bird_detections_per_1000_bird_boxes: share(bird_detections * 1000, flights.bird_boxes),
-            false_alarms_without_target: without.map(|(clip, _)| count(clip, is_alarm)).sum(),
+            false_alarms_without_target: without,
+            false_alarms_without_target_per_hour: (hours_without > 0.0)
+                .then(|| without as f64 / hours_without),
         }
     };
     limits.map(point).collect()

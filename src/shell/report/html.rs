@@ -4,6 +4,7 @@ use super::bootstrap::{FEWEST_CLIPS, Interval};
 use super::figures::{Breakdown, Figures, IOUS, MethodFigures, limit_name};
 use super::gallery::{PER_CLIP, Strip};
 use super::plot::{self, Axis, Line, plot};
+use super::regressors;
 use crate::shell::score::FALSE_ALARMS;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -16,9 +17,11 @@ use std::vec::Vec;
 pub fn page(figures: &Figures) -> String {
     let sections = [
         precision(figures),
+        collisions(figures),
         false_alarms(figures),
         breakdowns(figures),
         operating_points(figures),
+        regressors::section(figures.regressors.as_ref()),
         gallery(figures),
         method(figures),
     ];
@@ -95,6 +98,31 @@ fn precision(figures: &Figures) -> String {
         table(&heads, 1, figures.methods.iter().map(row)),
         figures.bootstrap.level * 100.0,
         curves.collect::<String>(),
+    )
+}
+
+fn collisions(figures: &Figures) -> String {
+    let Some(collisions) = &figures.collisions else { return String::new() };
+    let name = figures.methods.first().map_or(String::new(), |first| escape(&first.name));
+    let mut heads = vec!["Method".to_string()];
+    heads.extend(IOUS.map(|iou| format!("AveP (IoU {iou})")));
+    heads.extend(IOUS.map(|iou| format!("{name} less this (IoU {iou})")));
+    let rows = collisions.methods.iter().map(|method| {
+        let mut cells = vec![escape(&method.name)];
+        cells.extend(method.average_precision.iter().map(interval));
+        cells.extend((0..IOUS.len()).map(|i| {
+            let less = method.first_less_this.as_ref().map(|less| interval(&less[i]));
+            less.unwrap_or("\u{2013}".into())
+        }));
+        cells
+    });
+    format!(
+        "<h2>On a collision course</h2>\n<p class=\"note\">The {} flights of this kind alone ({:.3} hours, {} targets): what is \
+         going to hit the camera hardly moves in its picture.</p>\n{}",
+        collisions.clips,
+        collisions.hours,
+        collisions.targets,
+        table(&heads, 1, rows),
     )
 }
 
@@ -210,8 +238,6 @@ fn operating_points(figures: &Figures) -> String {
     ];
     let rows = figures.methods.iter().flat_map(|method| {
         method.operating_points.iter().enumerate().map(move |(i, point)| {
-            let hours = figures.flights.hours_without_target;
-            let per_hour = point.false_alarms_without_target as f64 / hours;
             vec![
                 if i == 0 { escape(&method.name) } else { String::new() },
                 limit_name(point.limit_per_1000_frames),
@@ -222,7 +248,7 @@ fn operating_points(figures: &Figures) -> String {
                 point.bird_detections.to_string(),
                 number(point.bird_detections_per_1000_bird_boxes, 1),
                 point.false_alarms_without_target.to_string(),
-                number((hours > 0.0).then_some(per_hour), 0),
+                number(point.false_alarms_without_target_per_hour, 0),
             ]
         })
     });
@@ -301,12 +327,13 @@ fn lines(figures: &Figures, line: impl Fn(usize, &MethodFigures) -> Line) -> Vec
     figures.methods.iter().enumerate().map(|(m, method)| line(m, method)).collect()
 }
 
-fn figure(svg: &str, caption: &str) -> String {
+/// A plot with a line below it.
+pub fn figure(svg: &str, caption: &str) -> String {
     format!("<figure>{svg}<figcaption>{caption}</figcaption></figure>")
 }
 
 /// A table whose first `left` columns are words; the cells are HTML.
-fn table(heads: &[String], left: usize, rows: impl Iterator<Item = Vec<String>>) -> String {
+pub fn table(heads: &[String], left: usize, rows: impl Iterator<Item = Vec<String>>) -> String {
     let cells = |cells: &[String], tag: &str| {
         let cell = |(i, cell): (usize, &String)| {
             let class = if i < left { " class=\"left\"" } else { "" };
@@ -326,11 +353,12 @@ fn interval(interval: &Interval) -> String {
     }
 }
 
-fn number(value: Option<f64>, digits: usize) -> String {
+/// A number, or a dash.
+pub fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("\u{2013}".into(), |value| format!("{value:.digits$}"))
 }
 
 /// Text as HTML.
-fn escape(text: &str) -> String {
+pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -2,6 +2,7 @@
 
 mod bootstrap;
 mod breakdown;
+mod collisions;
 mod contrast;
 mod curves;
 mod facts;
@@ -10,6 +11,7 @@ mod gallery;
 mod html;
 mod methods;
 mod plot;
+mod regressors;
 
 pub use figures::IOUS;
 pub use methods::{External, Seen, Watch, path_of, readable};
@@ -17,11 +19,14 @@ pub use methods::{External, Seen, Watch, path_of, readable};
 use super::clips::Clip;
 use super::error::Error;
 use super::interrupt::Ended;
-use super::judge::{BIRD, Found};
+use super::judge::{BIRD, Found, WARMUP};
+use super::pipeline::DetectorArgs;
+use crate::model::Model;
 use breakdown::ClipTruth;
 use facts::Facts;
 use figures::{Figures, LOOSE};
 use methods::{Detected, Method, OURS, median};
+use regressors::RegressorFigures;
 use std::path::{Path, PathBuf};
 use std::string::String;
 use std::vec::Vec;
@@ -51,6 +56,7 @@ pub struct Plan {
     folder: PathBuf,
     facts: Vec<Facts>,
     others: Vec<Method>,
+    regressors: Option<RegressorFigures>,
 }
 
 impl Plan {
@@ -70,7 +76,7 @@ impl Plan {
         }
         let facts = facts::read(data, clips)?;
         fs::create_dir_all(folder).map_err(Error::write(folder))?;
-        Ok(Some(Self { folder: folder.clone(), facts, others }))
+        Ok(Some(Self { folder: folder.clone(), facts, others, regressors: None }))
     }
 
     /// Puts a method that was run here beside the others; `clips` is what it found in each clip, `times_ms` the time of
@@ -97,6 +103,22 @@ impl Plan {
         Watch::new(clip, index, &self.others)
     }
 
+    /// Measures Algorithm 1 alone on frames of the clips; nothing for a model without regressors or after Ctrl-C.
+    ///
+    /// # Errors
+    /// Those of the sources.
+    pub fn measure_regressors(
+        &mut self,
+        clips: &[Clip],
+        model: &Model<'_>,
+        args: &DetectorArgs,
+        jobs: usize,
+    ) -> Result<(), Error> {
+        let trials = regressors::run(clips, model, args, jobs)?;
+        self.regressors = regressors::figures(&trials.unwrap_or_default());
+        Ok(())
+    }
+
     /// Writes the report; `runs` is what our detector found and what was seen, by clip.
     ///
     /// # Errors
@@ -108,11 +130,12 @@ impl Plan {
         runs: Vec<(Vec<Found>, Seen)>,
         jobs: usize,
     ) -> Result<Ended, Error> {
-        let Self { folder, facts, others } = self;
+        let Self { folder, facts, others, regressors } = self;
         let mut methods = with_ours(others);
-        let mut contrasts = Vec::new();
+        let (mut contrasts, mut frames) = (Vec::new(), Vec::new());
         let mut times = Vec::new();
         for (found, seen) in runs {
+            frames.push((seen.times_ms.len() as u64).saturating_sub(WARMUP));
             times.extend(seen.times_ms);
             contrasts.push(seen.targets);
             methods[0].clips.push(Detected { found, contrast: seen.ours });
@@ -125,10 +148,10 @@ impl Plan {
         let truth: Vec<ClipTruth<'_>> = clips
             .iter()
             .zip(&facts)
-            .zip(&contrasts)
-            .map(|((clip, facts), contrast)| {
+            .zip(contrasts.iter().zip(frames))
+            .map(|((clip, facts), (contrast, frames))| {
                 let has_target = clip.ground_truth.boxes().any(|(_, b)| b.class != BIRD);
-                ClipTruth { facts, has_target, contrast }
+                ClipTruth { facts, frames, has_target, contrast }
             })
             .collect();
         let judged: Vec<_> = methods.iter().map(|m| figures::judge_method(clips, m)).collect();
@@ -144,6 +167,8 @@ impl Plan {
             lookout: env!("CARGO_PKG_VERSION"),
             data: format!("{}", data.display()),
             flights: figures::flights(ours, &truth),
+            collisions: collisions::figures(&methods, &judged, &truth),
+            regressors,
             bootstrap: figures::bootstrap_figures(),
             methods: figures::methods(&methods, &judged, &truth),
             misses,

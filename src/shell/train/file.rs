@@ -1,6 +1,7 @@
 //! Writing a model file, section by section.
 
 use super::boost::TrainedForest;
+use crate::calibration::Knot;
 use crate::feature::Feature;
 use crate::model::{self, GEOMETRY, HEADER, MAGIC, Method, Model, Section, VERSION};
 use std::vec::Vec;
@@ -18,8 +19,13 @@ pub struct Parts {
 impl Parts {
     /// No provenance, no features, forests without trees.
     pub fn new(method: Method) -> Self {
-        let text = [Section::Provenance, Section::PatchFeatures, Section::CubeFeatures];
-        let empty = |s| if text.contains(&s) { Vec::new() } else { NO_TREES.to_vec() };
+        let no_forests = [
+            Section::Provenance,
+            Section::PatchFeatures,
+            Section::CubeFeatures,
+            Section::Calibration,
+        ];
+        let empty = |s| if no_forests.contains(&s) { Vec::new() } else { NO_TREES.to_vec() };
         Self { method, sections: Section::ALL.map(empty) }
     }
 
@@ -36,6 +42,12 @@ impl Parts {
     /// Puts in where the model comes from (JSON).
     pub fn set_provenance(&mut self, text: &str) {
         self.sections[Section::Provenance as usize] = text.as_bytes().to_vec();
+    }
+
+    /// Puts in what scores are worth; no knots: not known.
+    pub fn set_calibration(&mut self, knots: &[Knot]) {
+        let bytes = knots.iter().flat_map(|knot| knot.encode()).collect();
+        self.sections[Section::Calibration as usize] = bytes;
     }
 
     /// Puts in a forest whose features are numbered by the core itself.

@@ -65,7 +65,7 @@ pub fn load(
         let before = footage.len();
         let numbered: Vec<_> = clips.into_iter().enumerate().collect();
         let loaded = parallel::map(numbered, |(place, clip)| {
-            let held_back = hold_back > 0 && place % hold_back == hold_back - 1;
+            let held_back = is_held_back(place, hold_back);
             let footage = read(clip, every, before + place, held_back);
             tick();
             footage
@@ -75,6 +75,11 @@ pub fn load(
         }
     }
     Ok(footage)
+}
+
+/// Whether the clip at `place` of a folder is held back: every `hold_back`th (0: none).
+pub fn is_held_back(place: usize, hold_back: usize) -> bool {
+    hold_back > 0 && place % hold_back == hold_back - 1
 }
 
 fn read(clip: clips::Clip, every: usize, number: usize, held_back: bool) -> Result<Footage, Error> {

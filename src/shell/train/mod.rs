@@ -1,10 +1,11 @@
 //! Training: from flights with known targets to a model file.
 //!
 //! In the order of the paper: the scan with hard negatives, the regressors of Algorithm 1, then cubes compensated with
-//! them, on these the classifier and the box. Each stage is saved when it ends; a run that was interrupted goes on after
+//! them, on these the classifier and the box. At last what scores are worth, measured on the clips held back. Each stage is saved when it ends; a run that was interrupted goes on after
 //! the last one. The core's own code computes every value that is learned from.
 
 pub mod boost;
+mod calibrate;
 mod cubes;
 mod file;
 mod footage;
@@ -20,6 +21,7 @@ use super::error::Error;
 use super::interrupt::Ended;
 use super::methods::{MethodName, Recipe};
 use super::pipeline::Ablation;
+use super::pipeline::ModelFile;
 use crate::model::{Method, Model, Section};
 use crate::motion::Alignment;
 use file::Parts;
@@ -84,6 +86,10 @@ pub struct TrainArgs {
     /// Frames to learn from, in each folder
     #[arg(long, default_value_t = 1800)]
     pub samples: usize,
+    /// Only measure anew what the scores of this model are worth, on the clips of DATA that were held back from it
+    #[arg(long, value_name = "MODEL")]
+    #[serde(skip)]
+    pub calibrate: Option<PathBuf>,
     /// Every how many clips one is held back to decide when to stop; 0: none
     #[arg(long, default_value_t = 8)]
     pub hold_back: usize,
@@ -160,6 +166,9 @@ impl TrainArgs {
 /// # Errors
 /// [`Error`] when clips cannot be read or files not written; finished stages stay in the partial model.
 pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
+    if let Some(model) = &args.calibrate {
+        return recalibrate(args, model);
+    }
     let started = Instant::now();
     let recipe = args.recipe()?;
     let settings = serde_json::to_string(args).unwrap_or_default();
@@ -190,10 +199,49 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
         write(&partial, &parts.encode())?;
     }
     parts.set_provenance(&settings);
+    let summary = trainer.summary();
+    drop(trainer);
+    let Some(precision) = calibrate(&mut parts, &args.data, args.hold_back)? else {
+        return Ok(Ended::Interrupted);
+    };
+    report.note(&std::format!("precision: {precision}"))?;
     let bytes = parts.encode();
     write(&args.out, &bytes)?;
-    report.card(&args.card(), &args.out, &bytes, &trainer.summary(), started.elapsed())?;
+    report.card(&args.card(), &args.out, &bytes, &summary, &precision, started.elapsed())?;
     fs::remove_file(&partial).map_err(|source| Error::Write { path: partial.clone(), source })?;
+    Ok(Ended::Complete)
+}
+
+/// Puts in what the scores are worth and tells it in words; none after Ctrl-C.
+fn calibrate(
+    parts: &mut Parts,
+    data: &[PathBuf],
+    hold_back: usize,
+) -> Result<Option<String>, Error> {
+    let bytes = parts.encode();
+    let model = Model::parse(&bytes).map_err(|e| Error::Training { reason: e.to_string() })?;
+    let knots = calibrate::measure(data, hold_back, &model)?;
+    Ok(knots.map(|knots| {
+        parts.set_calibration(&knots);
+        calibrate::in_words(&knots)
+    }))
+}
+
+/// Measures anew what the scores of a model are worth; held back were the clips that its provenance says.
+fn recalibrate(args: &TrainArgs, path: &Path) -> Result<Ended, Error> {
+    let file = ModelFile::load(Some(path))?;
+    let model = file.parse()?;
+    let mut parts = Parts::of(&model);
+    let provenance: serde_json::Value =
+        serde_json::from_str(model.provenance()).unwrap_or_default();
+    let hold_back = provenance["hold_back"].as_u64().map_or(args.hold_back, |n| n as usize);
+    let Some(precision) = calibrate(&mut parts, &args.data, hold_back)? else {
+        return Ok(Ended::Interrupted);
+    };
+    let bytes = parts.encode();
+    write(&args.out, &bytes)?;
+    report::refresh_card(&args.card(), &args.out, &bytes, &precision)?;
+    std::eprintln!("precision: {precision}");
     Ok(Ended::Complete)
 }
 

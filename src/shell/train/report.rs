@@ -9,6 +9,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::time::{Duration, Instant};
+use std::vec::Vec;
 use std::{eprintln, format};
 
 /// Between these lines the card is the trainer's; the rest of it is left as it is.
@@ -101,18 +102,19 @@ impl Report {
         model: &Path,
         bytes: &[u8],
         summary: &Summary,
+        precision: &str,
         time: Duration,
     ) -> Result<(), Error> {
         let Summary { clips, samples, held_back_clips, held_back_samples } = summary;
-        let name = model.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let name = name(model);
         let generated = format!(
-            "{BEGIN}\n| | |\n| --- | --- |\n| model | `{name}`, {} bytes, CRC-32 {:08x} |\n| command | `{}` |\n\
+            "{BEGIN}\n| | |\n| --- | --- |\n{}\n| command | `{}` |\n\
              | learned from | {samples} frames of {} clips |\n| held back to decide when to stop | \
-             {held_back_samples} frames of {held_back_clips} clips |\n| time | {} minutes |\n{END}",
-            bytes.len(),
-            crate::model::checksum(&bytes[20..]),
+             {held_back_samples} frames of {held_back_clips} clips |\n{}\n| time | {} minutes |\n{END}",
+            model_row(&name, bytes),
             super::command(),
             clips - held_back_clips,
+            precision_row(precision),
             time.as_secs().div_ceil(60),
         );
         let old = fs::read_to_string(path).unwrap_or_default();
@@ -123,5 +125,64 @@ impl Report {
             _ => format!("{old}# {name}\n\n{generated}\n"),
         };
         super::write(path, text.as_bytes())
+    }
+}
+
+fn name(model: &Path) -> String {
+    model.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn model_row(name: &str, bytes: &[u8]) -> String {
+    let checksum = crate::model::checksum(&bytes[20..]);
+    format!("| model | `{name}`, {} bytes, CRC-32 {checksum:08x} |", bytes.len())
+}
+
+fn precision_row(precision: &str) -> String {
+    format!("| precision on the clips held back (IoU 0.3) | {precision} |")
+}
+
+/// Writes the rows of the generated part of the card at `path` that change with the table of precisions; a card
+/// without a generated part is left as it is.
+///
+/// # Errors
+/// [`Error::Write`].
+pub fn refresh_card(path: &Path, model: &Path, bytes: &[u8], precision: &str) -> Result<(), Error> {
+    let old = fs::read_to_string(path).unwrap_or_default();
+    let Some((before, rest)) = old.split_once(BEGIN) else { return Ok(()) };
+    let Some((generated, after)) = rest.split_once(END) else { return Ok(()) };
+    let row = precision_row(precision);
+    let is_precision = |line: &&str| line.starts_with("| precision ");
+    let mut lines: Vec<&str> = generated.lines().filter(|line| !is_precision(line)).collect();
+    let model_row = model_row(&name(model), bytes);
+    let place = lines.iter().position(|line| line.starts_with("| model |"));
+    place.into_iter().for_each(|place| lines[place] = &model_row);
+    let end = lines.iter().position(|line| line.starts_with("| time |")).unwrap_or(lines.len());
+    lines.insert(end, &row);
+    super::write(path, format!("{before}{BEGIN}{}\n{END}{after}", lines.join("\n")).as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_new_table_changes_its_rows_of_the_card_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let (card, model) = (folder.path().join("README.md"), folder.path().join("a.lkm"));
+        let refresh = |precision: &str| {
+            refresh_card(&card, &model, &[0; 24], precision).unwrap();
+            fs::read_to_string(&card).unwrap_or_default()
+        };
+        assert_eq!(refresh("0.9 from score 1.00"), "", "no card is begun");
+        let text = |model: &str, precision: &str| {
+            format!(
+                "# a.lkm\n\n{BEGIN}\n| | |\n| --- | --- |\n{model}\n| command | `x` |\n{precision}| time | 7 minutes |\n{END}\n\nMore.\n"
+            )
+        };
+        fs::write(&card, text("| model | old |", "")).unwrap();
+        let row = |precision| format!("{}\n", precision_row(precision));
+        let model_row = model_row("a.lkm", &[0; 24]);
+        assert_eq!(refresh("first"), text(&model_row, &row("first")));
+        assert_eq!(refresh("second"), text(&model_row, &row("second")));
     }
 }

@@ -1,0 +1,86 @@
+//! Flights on a collision course alone: there the target hardly moves in the picture.
+
+use super::bootstrap::{Bootstrap, Interval, RESAMPLES, SEED, Sampled};
+use super::breakdown::ClipTruth;
+use super::figures::{IOUS, JudgedMethod, hours};
+use super::methods::Method;
+use crate::shell::judge::Judged;
+use crate::shell::ranking::{ClipCount, Ranking};
+use serde::Serialize;
+use std::string::String;
+use std::vec::Vec;
+
+/// The kind of encounter in `camera.json`.
+const KIND: &str = "collision";
+
+/// Figures of these flights.
+#[derive(Debug, Clone, Serialize)]
+pub struct CollisionFigures {
+    /// Flights.
+    pub clips: usize,
+    /// Their length.
+    pub hours: f64,
+    /// Targets in them.
+    pub targets: u64,
+    /// By method.
+    pub methods: Vec<CollisionMethod>,
+}
+
+/// Figures of a method.
+#[derive(Debug, Clone, Serialize)]
+pub struct CollisionMethod {
+    /// Its name.
+    pub name: String,
+    /// Area under the precision-recall curve of these flights at each intersection over union.
+    #[serde(rename = "AveP")]
+    pub average_precision: Vec<Interval>,
+    /// AveP of the first method less that of this one, on the same draws.
+    pub first_less_this: Option<Vec<Interval>>,
+}
+
+/// The figures; none where no flight is on a collision course.
+pub fn figures(
+    methods: &[Method],
+    judged: &[JudgedMethod],
+    truth: &[ClipTruth<'_>],
+) -> Option<CollisionFigures> {
+    let collides = |t: &ClipTruth<'_>| t.facts.kind.as_deref() == Some(KIND);
+    let chosen: Vec<usize> = (0..truth.len()).filter(|&i| collides(&truth[i])).collect();
+    if chosen.is_empty() {
+        return None;
+    }
+    let bootstrap = Bootstrap::new(chosen.len(), RESAMPLES, SEED);
+    let mut first: Vec<Sampled> = Vec::new();
+    let mut targets = 0;
+    let mut all = Vec::new();
+    for (method, judged) in methods.iter().zip(judged) {
+        let rankings: Vec<Ranking> = judged.iter().map(|j| ranking(j, &chosen)).collect();
+        targets = rankings[0].targets(&rankings[0].whole());
+        let sampled: Vec<Sampled> = (0..IOUS.len())
+            .map(|i| bootstrap.sample(&rankings[i], Ranking::average_precision))
+            .collect();
+        let less = |(first, this): (&Sampled, &Sampled)| first.less(this).interval();
+        all.push(CollisionMethod {
+            name: method.name.clone(),
+            average_precision: sampled.iter().map(Sampled::interval).collect(),
+            first_less_this: (!first.is_empty())
+                .then(|| first.iter().zip(&sampled).map(less).collect()),
+        });
+        if first.is_empty() {
+            first = sampled;
+        }
+    }
+    let hours = chosen.iter().map(|&i| hours(&truth[i])).sum();
+    Some(CollisionFigures { clips: chosen.len(), hours, targets, methods: all })
+}
+
+/// The ranking of the chosen clips alone.
+fn ranking(judged: &[Judged], chosen: &[usize]) -> Ranking {
+    let clips = chosen.iter().map(|&i| &judged[i]);
+    let counts =
+        clips.clone().map(|c| ClipCount { frames: c.frames, targets: c.targets.len() }).collect();
+    let outcomes = clips
+        .enumerate()
+        .flat_map(|(i, clip)| clip.detections.iter().filter_map(move |d| d.outcome(i)));
+    Ranking::new(counts, outcomes.collect())
+}
