@@ -124,6 +124,8 @@ struct FrameLine {
     kept: u32,
     dropped: u32,
     registered: bool,
+    /// [`crate::planar::Motion::parameters`].
+    motion: [i32; 8],
     detections: Vec<DetectionLine>,
 }
 
@@ -146,6 +148,7 @@ pub fn json_line(frame: u64, time_us: i64, detections: &Detections) -> String {
         kept: detections.kept,
         dropped: detections.dropped,
         registered: detections.registered,
+        motion: detections.motion.parameters(),
         detections: detections
             .list
             .iter()
@@ -224,7 +227,7 @@ mod tests {
         assert_eq!(
             json_line(7, 200_000, &detections),
             "{\"frame\":7,\"time_us\":200000,\"windows\":9,\"kept\":2,\"dropped\":0,\"registered\":false,\
-             \"detections\":[{\"box\":[-0.0625,2.0625,10.0,0.5],\"score\":-0.5,\
+             \"motion\":[0,0,0,0,0,0,0,0],\"detections\":[{\"box\":[-0.0625,2.0625,10.0,0.5],\"score\":-0.5,\
              \"shifts\":[[-0.0625,1.5],[-0.0625,1.5],[-0.0625,1.5]]}]}\n"
         );
         assert_eq!(mot_lines(1, &Detections::default()), "");

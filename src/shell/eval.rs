@@ -55,7 +55,7 @@ pub struct EvalArgs {
     split: SplitArgs,
     #[command(flatten)]
     detector: DetectorArgs,
-    /// Write CLIP.txt (MOTChallenge) for every clip into this folder
+    /// Write CLIP.txt (MOTChallenge) and CLIP.jsonl (with motion) for every clip into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -217,6 +217,8 @@ fn run_clip(
     let mut source = Stamped { source: source::open(&input)?, delivered: &delivered };
     let path = args.out.as_deref().map(|out| report::path_of(out, clip));
     let mut file = path.as_deref().map(TextFile::create).transpose()?;
+    let lines = path.as_deref().map(|path| path.with_extension("jsonl"));
+    let mut lines = lines.as_deref().map(TextFile::create).transpose()?;
     let mut watch = plan.map(|plan| plan.watch(clip, index));
     let mut each = |number, frame: &Frame, detections: &Detections| {
         let time_ms = delivered.get().elapsed().as_secs_f64() * 1e3;
@@ -229,10 +231,13 @@ fn run_clip(
         if let Some(watch) = &mut watch {
             watch.frame(number, frame, &result.found[first..], time_ms);
         }
-        match &mut file {
-            Some(file) => file.write(&detections::mot_lines(number, detections)),
-            None => Ok(()),
+        if let Some(file) = &mut file {
+            file.write(&detections::mot_lines(number, detections))?;
         }
+        if let Some(lines) = &mut lines {
+            lines.write(&detections::json_line(number, frame.time_us, detections))?;
+        }
+        Ok(())
     };
     pipeline::run(&input, &mut source, model, &args.detector, &mut each)?;
     result.seen = watch.map(report::Watch::finish);
