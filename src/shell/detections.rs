@@ -5,9 +5,13 @@
 
 use super::error::Error;
 use super::score::Found;
-use crate::detector::{Detection, Detections};
+use crate::detection::{SHIFTS, Shift};
+use crate::detector::{Detection, Detections, MAX_DETECTIONS};
+use crate::image::Rect;
+use crate::planar::Motion;
 use core::fmt;
-use serde::Serialize;
+use fixed::types::I28F4;
+use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{Seek, Write};
@@ -116,7 +120,7 @@ pub fn mot_lines(frame: u64, detections: &Detections) -> String {
     lines
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, Deserialize)]
 struct FrameLine {
     frame: u64,
     time_us: i64,
@@ -129,7 +133,7 @@ struct FrameLine {
     detections: Vec<DetectionLine>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, Deserialize)]
 struct DetectionLine {
     /// Left, top, width, height in pixels.
     r#box: [f64; 4],
@@ -162,6 +166,53 @@ pub fn json_line(frame: u64, time_us: i64, detections: &Detections) -> String {
     let mut text = serde_json::to_string(&line).expect("numbers and names always make JSON");
     text.push('\n');
     text
+}
+
+/// Reads the lines that [`json_line`] writes: the time of each frame and its detections, frames of this size.
+///
+/// # Errors
+/// [`Error::Read`], or [`Error::Text`] naming the line.
+pub fn read_json(path: &Path, size: (usize, usize)) -> Result<Vec<(i64, Detections)>, Error> {
+    let text = fs::read_to_string(path).map_err(Error::read(path))?;
+    let mut frames = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        let wrong = |reason| Error::Text { path: path.into(), line: index + 1, reason };
+        let line: FrameLine =
+            serde_json::from_str(line).map_err(|e| wrong(format!("not a frame: {e}")))?;
+        if line.frame != index as u64 + 1 {
+            return Err(wrong(format!("frame {}, expected {}", line.frame, index + 1)));
+        }
+        frames.push((line.time_us, line.detections(size)));
+    }
+    Ok(frames)
+}
+
+impl FrameLine {
+    fn detections(&self, (width, height): (usize, usize)) -> Detections {
+        let pixels = |v: f64| I28F4::saturating_from_num(v);
+        let detection = |line: &DetectionLine| {
+            let [x, y, width, height] = line.r#box.map(pixels);
+            let mut shifts = [Shift::default(); SHIFTS];
+            for (shift, [x, y]) in shifts.iter_mut().zip(&line.shifts) {
+                *shift = Shift { x: pixels(*x), y: pixels(*y) };
+            }
+            // Back to the nearest unit, which six decimals keep apart.
+            let score = (line.score * f64::from(1 << SCORE_BITS)).round() as i32;
+            Detection { rect: Rect { x, y, width, height }, score, shifts }
+        };
+        Detections {
+            list: self.detections.iter().take(MAX_DETECTIONS).map(detection).collect(),
+            windows: self.windows,
+            kept: self.kept,
+            dropped: self.dropped,
+            registered: self.registered,
+            motion: match self.registered {
+                true => Motion::new(width, height, self.motion),
+                false => Motion::IDENTITY,
+            },
+            ..Detections::default()
+        }
+    }
 }
 
 /// Reads detections in MOTChallenge form; fields behind the score are ignored.
@@ -205,9 +256,6 @@ fn parse_mot_line(line: &str) -> Result<Found, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detector::Shift;
-    use crate::image::Rect;
-    use fixed::types::I28F4;
     use proptest::prelude::*;
     use std::string::ToString;
 
@@ -255,6 +303,8 @@ mod tests {
         fn what_is_written_reads_back_equal(rect: [i32; 4], score: i32, frame in 1..9999u64) {
             let detections = one(rect, score);
             let path = tempfile::NamedTempFile::new().unwrap();
+            fs::write(&path, json_line(1, -5, &detections)).unwrap();
+            prop_assert_eq!(read_json(path.path(), (64, 48)).unwrap(), [(-5, detections.clone())]);
             fs::write(&path, mot_lines(frame, &detections)).unwrap();
             let read = read_mot(path.path()).unwrap();
             prop_assert_eq!(&read, &found(frame, &detections).collect::<Vec<_>>());
