@@ -4,7 +4,7 @@ use super::error::Error;
 use crate::angle::{PI, Real};
 use crate::camera::{Camera, Intrinsics};
 use crate::geometry::Attitude;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::borrow::ToOwned;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
@@ -73,7 +73,7 @@ impl CameraArgs {
 }
 
 /// What `camera.json` says; pixel centres are at whole numbers there.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct CameraFile {
     /// Width in pixels.
     pub width: u32,
@@ -93,6 +93,23 @@ pub struct CameraFile {
 }
 
 impl CameraFile {
+    /// The one beside a flight's frames: in the clip's folder that `input` is, or in the folder that it lies in. `None` when
+    /// there is none.
+    ///
+    /// # Errors
+    /// [`Error::Camera`] when there is one that is not understood.
+    pub fn beside(input: &Path) -> Result<Option<Self>, Error> {
+        let folders = [Some(input), input.parent()];
+        for folder in folders.into_iter().flatten() {
+            let path = folder.join("camera.json");
+            if let Ok(text) = fs::read_to_string(&path) {
+                let file = serde_json::from_str(&text);
+                return file.map(Some).map_err(|e| Error::Camera { path, reason: e.to_string() });
+            }
+        }
+        Ok(None)
+    }
+
     /// The camera.
     ///
     /// # Errors

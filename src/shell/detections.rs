@@ -5,10 +5,12 @@
 
 use super::error::Error;
 use super::score::Found;
+use super::traffic::{self, TrafficLine};
 use crate::detection::{SHIFTS, Shift};
 use crate::detector::{Detection, Detections, MAX_DETECTIONS};
 use crate::image::Rect;
 use crate::planar::Motion;
+use crate::traffic::Traffic;
 use core::fmt;
 use fixed::types::I28F4;
 use serde::{Deserialize, Serialize};
@@ -131,6 +133,9 @@ struct FrameLine {
     /// [`crate::planar::Motion::parameters`].
     motion: [i32; 8],
     detections: Vec<DetectionLine>,
+    /// What is followed, where something is.
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    tracks: Option<Vec<TrafficLine>>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -142,8 +147,13 @@ struct DetectionLine {
     shifts: Vec<[f64; 2]>,
 }
 
-/// The line of a frame in JSON Lines form; `frame` from 1.
-pub fn json_line(frame: u64, time_us: i64, detections: &Detections) -> String {
+/// The line of a frame in JSON Lines form; `frame` from 1; `tracks` where objects were followed.
+pub fn json_line(
+    frame: u64,
+    time_us: i64,
+    detections: &Detections,
+    tracks: Option<&[Traffic]>,
+) -> String {
     let pixels = |v| Decimal::pixels(v).to_f64();
     let line = FrameLine {
         frame,
@@ -162,6 +172,7 @@ pub fn json_line(frame: u64, time_us: i64, detections: &Detections) -> String {
                 shifts: d.shifts.iter().map(|s| [pixels(s.x), pixels(s.y)]).collect(),
             })
             .collect(),
+        tracks: tracks.map(traffic::lines),
     };
     let mut text = serde_json::to_string(&line).expect("numbers and names always make JSON");
     text.push('\n');
@@ -273,7 +284,7 @@ mod tests {
         let detections = one([-1, 33, 160, 8], -(1 << (SCORE_BITS - 1)));
         assert_eq!(mot_lines(7, &detections), "7,-1,-0.0625,2.0625,10.0000,0.5000,-0.500000\n");
         assert_eq!(
-            json_line(7, 200_000, &detections),
+            json_line(7, 200_000, &detections, None),
             "{\"frame\":7,\"time_us\":200000,\"windows\":9,\"kept\":2,\"dropped\":0,\"registered\":false,\
              \"motion\":[0,0,0,0,0,0,0,0],\"detections\":[{\"box\":[-0.0625,2.0625,10.0,0.5],\"score\":-0.5,\
              \"shifts\":[[-0.0625,1.5],[-0.0625,1.5],[-0.0625,1.5]]}]}\n"
@@ -303,7 +314,7 @@ mod tests {
         fn what_is_written_reads_back_equal(rect: [i32; 4], score: i32, frame in 1..9999u64) {
             let detections = one(rect, score);
             let path = tempfile::NamedTempFile::new().unwrap();
-            fs::write(&path, json_line(1, -5, &detections)).unwrap();
+            fs::write(&path, json_line(1, -5, &detections, None)).unwrap();
             prop_assert_eq!(read_json(path.path(), (64, 48)).unwrap(), [(-5, detections.clone())]);
             fs::write(&path, mot_lines(frame, &detections)).unwrap();
             let read = read_mot(path.path()).unwrap();

@@ -259,7 +259,7 @@ fn run_clip(
             file.write(&detections::mot_lines(number, detections))?;
         }
         if let Some(lines) = &mut lines {
-            lines.write(&detections::json_line(number, frame.time_us, detections))?;
+            lines.write(&detections::json_line(number, frame.time_us, detections, None))?;
         }
         Ok(())
     };

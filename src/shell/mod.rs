@@ -22,5 +22,6 @@ pub mod score;
 pub mod simulate;
 pub mod source;
 pub mod tracks;
+pub mod traffic;
 pub mod train;
 pub mod truth;
