@@ -22,6 +22,14 @@ pub enum Error {
     /// Clips cannot be read.
     #[error(transparent)]
     Clips(#[from] ClipsError),
+    /// A camera file or option that makes no camera.
+    #[error("{}: {reason}", path.display())]
+    Camera {
+        /// The file, or the options.
+        path: PathBuf,
+        /// The field, and what is expected.
+        reason: String,
+    },
     /// A source that holds no frame at all.
     #[error("{input}: no frames in it; give a folder of pictures, a .y4m or a video with frames")]
     NoFrames {

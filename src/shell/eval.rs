@@ -10,6 +10,7 @@ use super::replay::print_line;
 use super::report::{self, IOUS, Plan, ReportArgs, Seen};
 use super::score::{self, Found, Report, Scorer, WARMUP};
 use super::source::{self, Frame, FrameSource, SourceError};
+use super::tracks::{self, ClipWatch, Figures};
 use crate::detector::Detections;
 use crate::model::Model;
 use serde::Serialize;
@@ -33,6 +34,12 @@ pub struct SplitArgs {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// Follow what was found and tell how good tracks and warnings are; the clips need camera.json and truth.csv
+    #[arg(long)]
+    tracks: bool,
+    /// Follow without the vehicle's attitude, by the picture alone
+    #[arg(long, requires = "tracks")]
+    no_attitude: bool,
 }
 
 impl SplitArgs {
@@ -46,6 +53,11 @@ impl SplitArgs {
         }
         Ok(clips)
     }
+
+    fn watch<'a>(&self, clip: &'a Clip) -> Result<Option<ClipWatch<'a>>, Error> {
+        let watch = || ClipWatch::new(clip, !self.no_attitude, Default::default());
+        self.tracks.then(watch).transpose()
+    }
 }
 
 /// What `lookout eval` can be told.
@@ -55,7 +67,7 @@ pub struct EvalArgs {
     split: SplitArgs,
     #[command(flatten)]
     detector: DetectorArgs,
-    /// Write CLIP.txt (MOTChallenge) for every clip into this folder
+    /// Write CLIP.txt (MOTChallenge) and CLIP.jsonl (with motion) for every clip into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -82,6 +94,7 @@ struct ClipResult {
     scan: ScanCounts,
     /// What a report needs beside.
     seen: Option<Seen>,
+    tracks: Option<tracks::ClipResult>,
 }
 
 /// What the scan did, summed over frames.
@@ -179,7 +192,7 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
     };
     let mut counts = ScanCounts::default();
     results.iter().for_each(|result| counts.add(&result.scan));
-    print(&reports(&clips, &results), Some(counts.into()), args.split.json)?;
+    print(&reports(&clips, &results), Some(counts.into()), figures(&results), args.split.json)?;
     if let Some(plan) = plan {
         let runs = results.into_iter().filter_map(|r| Some((r.found, r.seen?))).collect();
         return plan.write(&args.split.data, &clips, runs, args.jobs);
@@ -196,11 +209,18 @@ pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     let score = |clip: &Clip| {
         let path = report::path_of(&args.detections, clip);
         let found = if path.exists() { detections::read_mot(&path)? } else { Vec::new() };
-        Ok(ClipResult { found, ..ClipResult::default() })
+        let Some(mut watch) = args.split.watch(clip)? else {
+            return Ok(ClipResult { found, ..ClipResult::default() });
+        };
+        let frames = detections::read_json(&path.with_extension("jsonl"), watch.size)?;
+        for (number, (time_us, frame)) in (1..).zip(&frames) {
+            watch.frame(number, *time_us, &frame.list, &frame.motion);
+        }
+        Ok(ClipResult { found, tracks: Some(watch.finish()), ..ClipResult::default() })
     };
     let clips = args.split.clips()?;
     let results = clips.iter().map(score).collect::<Result<Vec<ClipResult>, Error>>()?;
-    print(&reports(&clips, &results), None, args.split.json)?;
+    print(&reports(&clips, &results), None, figures(&results), args.split.json)?;
     Ok(Ended::Complete)
 }
 
@@ -217,7 +237,10 @@ fn run_clip(
     let mut source = Stamped { source: source::open(&input)?, delivered: &delivered };
     let path = args.out.as_deref().map(|out| report::path_of(out, clip));
     let mut file = path.as_deref().map(TextFile::create).transpose()?;
+    let lines = path.as_deref().map(|path| path.with_extension("jsonl"));
+    let mut lines = lines.as_deref().map(TextFile::create).transpose()?;
     let mut watch = plan.map(|plan| plan.watch(clip, index));
+    let mut tracks = args.split.watch(clip)?;
     let mut each = |number, frame: &Frame, detections: &Detections| {
         let time_ms = delivered.get().elapsed().as_secs_f64() * 1e3;
         result.scan.add_frame(detections);
@@ -229,13 +252,20 @@ fn run_clip(
         if let Some(watch) = &mut watch {
             watch.frame(number, frame, &result.found[first..], time_ms);
         }
-        match &mut file {
-            Some(file) => file.write(&detections::mot_lines(number, detections)),
-            None => Ok(()),
+        if let Some(tracks) = &mut tracks {
+            tracks.frame(number, frame.time_us, &detections.list, &detections.motion);
         }
+        if let Some(file) = &mut file {
+            file.write(&detections::mot_lines(number, detections))?;
+        }
+        if let Some(lines) = &mut lines {
+            lines.write(&detections::json_line(number, frame.time_us, detections, None))?;
+        }
+        Ok(())
     };
     pipeline::run(&input, &mut source, model, &args.detector, &mut each)?;
     result.seen = watch.map(report::Watch::finish);
+    result.tracks = tracks.map(ClipWatch::finish);
     Ok(result)
 }
 
@@ -263,15 +293,28 @@ fn reports(clips: &[Clip], results: &[ClipResult]) -> [Report; IOUS.len()] {
     })
 }
 
-fn print(reports: &[Report], scan: Option<ScanFigures>, json: bool) -> Result<(), Error> {
+/// The figures of the tracks, if these were asked for.
+fn figures(results: &[ClipResult]) -> Option<Figures> {
+    let clips = results.iter().map(|result| result.tracks.clone()).collect::<Option<Vec<_>>>();
+    clips.map(|clips| Figures::new(&clips))
+}
+
+fn print(
+    reports: &[Report],
+    scan: Option<ScanFigures>,
+    tracks: Option<Figures>,
+    json: bool,
+) -> Result<(), Error> {
     if json {
         #[derive(Serialize)]
         struct All<'a> {
             reports: &'a [Report],
             #[serde(skip_serializing_if = "Option::is_none")]
             scan: Option<ScanFigures>,
+            #[serde(skip_serializing_if = "Option::is_none")]
+            tracks: Option<Figures>,
         }
-        let all = All { reports, scan };
+        let all = All { reports, scan, tracks };
         return print_line(
             &serde_json::to_string(&all).expect("numbers and names always make JSON"),
         );
@@ -288,6 +331,9 @@ fn print(reports: &[Report], scan: Option<ScanFigures>, json: bool) -> Result<()
             scan.share_registered,
             scan.scan_recall
         ))?;
+    }
+    if let Some(tracks) = tracks {
+        print_line(&format!("\n{tracks}"))?;
     }
     Ok(())
 }

@@ -1,9 +1,11 @@
 //! The flight that a verb works on: the user's input, or one simulated in memory.
 
+use super::camera::CameraFile;
 use super::error::Error;
-use super::simulate::SimulateSettings;
+use super::simulate::{SimulateSettings, Simulator};
 use super::source::{self, FrameSource, Simulated};
 use std::boxed::Box;
+use std::path::Path;
 use std::string::String;
 
 /// The simulated flight, where there is no input.
@@ -23,6 +25,17 @@ impl FlightArgs {
         match input {
             Some(input) => Ok(source::open(input)?),
             None => Ok(Box::new(Simulated::new(&self.settings))),
+        }
+    }
+
+    /// What is known of the camera beforehand: that of the simulated flight, or `camera.json` beside the input.
+    ///
+    /// # Errors
+    /// As [`CameraFile::beside`].
+    pub fn camera(&self, input: Option<&str>) -> Result<Option<CameraFile>, Error> {
+        match input {
+            Some(input) => CameraFile::beside(Path::new(input)),
+            None => Ok(Some(Simulator::new(&self.settings).camera())),
         }
     }
 

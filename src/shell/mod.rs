@@ -2,6 +2,7 @@
 
 pub mod annotate;
 pub mod bench;
+pub mod camera;
 pub mod cli;
 pub mod clips;
 pub mod detections;
@@ -21,4 +22,7 @@ pub mod report;
 pub mod score;
 pub mod simulate;
 pub mod source;
+pub mod tracks;
+pub mod traffic;
 pub mod train;
+pub mod truth;

@@ -1,6 +1,7 @@
 //! `lookout replay`: a recorded or simulated flight through the detector.
 
 use super::annotate::Picture;
+use super::camera::{CameraArgs, CameraFile};
 use super::detections::{self, SCORE_BITS, TextFile};
 use super::digest::Digest;
 use super::error::{Error, STDOUT};
@@ -9,9 +10,14 @@ use super::interrupt::{self, Ended};
 use super::pictures::Pictures;
 use super::pipeline::{self, DetectorArgs, ModelFile};
 use super::source::Frame;
+use super::traffic;
+use crate::attitudes::Attitudes;
 use crate::detector::{Detection, Detections};
 use crate::model::Model;
+use crate::traffic::Level;
+use crate::watch::{Settings, Watch};
 use indicatif::{ProgressBar, ProgressStyle};
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::string::String;
@@ -34,7 +40,7 @@ pub struct ReplayArgs {
     /// Write detections in MOTChallenge form: frame,-1,left,top,width,height,score
     #[arg(long, value_name = "FILE")]
     detections: Option<PathBuf>,
-    /// Write a line of JSON a frame
+    /// Write a line of JSON a frame: detections, motion of the background, tracks
     #[arg(long, value_name = "FILE")]
     jsonl: Option<PathBuf>,
     /// Draw boxes, scores and motion: PNG pictures in a folder, or a video through ffmpeg
@@ -47,6 +53,8 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
     #[command(flatten)]
+    camera: CameraArgs,
+    #[command(flatten)]
     flight: FlightArgs,
 }
 
@@ -57,17 +65,20 @@ pub struct ReplayArgs {
 pub fn run(args: &ReplayArgs) -> Result<Ended, Error> {
     let mut args = args.clone();
     // A person looks at these: few of them are to be false.
-    args.detector.threshold.get_or_insert(THRESHOLD);
+    let threshold = *args.detector.threshold.get_or_insert(THRESHOLD);
+    // A track goes on with weaker detections than are reported.
+    args.detector.threshold = Some(threshold.min(Settings::default().track.keep_score));
     let model = ModelFile::load(args.detector.model.as_deref())?;
     let model = model.parse()?;
     interrupt::watch()?;
-    pipeline::on_threads(args.threads, || replay(&args, &model))?
+    pipeline::on_threads(args.threads, || replay(&args, threshold, &model))?
 }
 
-fn replay(args: &ReplayArgs, model: &Model<'_>) -> Result<Ended, Error> {
+fn replay(args: &ReplayArgs, threshold: i32, model: &Model<'_>) -> Result<Ended, Error> {
     let input = args.input.as_deref();
+    let own = args.flight.camera(input)?;
     let mut source = args.flight.open(input)?;
-    let mut outputs = Outputs::create(args)?;
+    let mut outputs = Outputs::create(args, threshold, own)?;
     let bar = progress(source.frame_count());
     let mut each = |number, frame: &Frame, detections: &Detections| {
         bar.inc(1);
@@ -99,6 +110,10 @@ fn progress(frames: Option<u64>) -> ProgressBar {
 
 /// Everything the user asked for, fed frame by frame.
 struct Outputs {
+    threshold: i32,
+    camera: (CameraArgs, Option<CameraFile>),
+    watch: Option<Watch>,
+    levels: BTreeMap<u16, Level>,
     mot: Option<TextFile>,
     jsonl: Option<TextFile>,
     pictures: Option<Pictures>,
@@ -113,9 +128,13 @@ struct Outputs {
 }
 
 impl Outputs {
-    fn create(args: &ReplayArgs) -> Result<Self, Error> {
+    fn create(args: &ReplayArgs, threshold: i32, own: Option<CameraFile>) -> Result<Self, Error> {
         let create = |path: &Option<PathBuf>| path.as_deref().map(TextFile::create).transpose();
         let outputs = Self {
+            threshold,
+            camera: (args.camera.clone(), own),
+            watch: None,
+            levels: BTreeMap::new(),
             mot: create(&args.detections)?,
             jsonl: create(&args.jsonl)?,
             pictures: args.annotate.as_deref().map(Pictures::create).transpose()?,
@@ -136,16 +155,28 @@ impl Outputs {
 
     fn take(&mut self, number: u64, frame: &Frame, found: &Detections) -> Result<(), Error> {
         self.frames = number;
+        if self.watch.is_none() {
+            let (args, own) = &self.camera;
+            let camera = args.camera(frame.width, frame.height, own.as_ref())?;
+            self.watch = Some(Watch::new(Settings::default(), camera));
+        }
+        let tracks = self.watch.as_mut().map_or_else(Default::default, |watch| {
+            watch.update(&found.list, frame.time_us, &found.motion, &Attitudes::new())
+        });
+        let mut found = found.clone();
+        found.list.retain(|detection| detection.score >= self.threshold);
+        let found = &found;
         self.found += found.list.len() as u64;
         self.dropped += u64::from(found.dropped);
         if let Some(mot) = &mut self.mot {
             mot.write(&detections::mot_lines(number, found))?;
         }
         if let Some(jsonl) = &mut self.jsonl {
-            jsonl.write(&detections::json_line(number, frame.time_us, found))?;
+            jsonl.write(&detections::json_line(number, frame.time_us, found, Some(&tracks)))?;
         }
         if let Some(pictures) = &mut self.pictures {
             self.picture.annotate(frame, found);
+            self.picture.tracks(&tracks);
             pictures.write(number, frame.time_us, &self.picture)?;
         }
         if let Some(digest) = &mut self.digest {
@@ -154,6 +185,15 @@ impl Outputs {
         if self.tell {
             for detection in &found.list {
                 print_line(&in_words(number, frame.time_us, detection))?;
+            }
+            for track in &tracks {
+                let level = self.levels.entry(track.id).or_default();
+                if track.level > *level {
+                    let seconds = frame.time_us as f64 / 1e6;
+                    let words = traffic::in_words(track);
+                    print_line(&format!("frame {number}, {seconds:.3} s: {words}"))?;
+                }
+                *level = track.level;
             }
         }
         Ok(())

@@ -1,6 +1,7 @@
 //! `lookout simulate`: a flight as files, in the form of the recorded ones.
 
 use super::{SimulateSettings, Simulator, Truth};
+use crate::shell::camera::CameraFile;
 use crate::shell::source::Frame;
 use image::ImageEncoder;
 use image::codecs::png::PngEncoder;
@@ -43,17 +44,12 @@ pub enum SimulateError {
     },
 }
 
-/// What `camera.json` says; pixel centres are at whole numbers there.
+/// What `camera.json` says.
 #[derive(serde::Serialize)]
-struct CameraFile {
-    width: u32,
-    height: u32,
+struct FlightFile {
+    #[serde(flatten)]
+    camera: CameraFile,
     fps: u32,
-    fx: f64,
-    fy: f64,
-    cx: f64,
-    cy: f64,
-    kind: &'static str,
     spans_m: Vec<f64>,
 }
 
@@ -125,16 +121,9 @@ fn png(frame: &Frame) -> io::Result<Vec<u8>> {
 }
 
 fn camera_file(simulator: &Simulator) -> String {
-    let settings = simulator.settings();
-    let file = CameraFile {
-        width: settings.width,
-        height: settings.height,
-        fps: settings.fps,
-        fx: simulator.focal(),
-        fy: simulator.focal(),
-        cx: f64::from(settings.width) / 2.0 - 0.5,
-        cy: f64::from(settings.height) / 2.0 - 0.5,
-        kind: settings.kind.name(),
+    let file = FlightFile {
+        camera: simulator.camera(),
+        fps: simulator.settings().fps,
         spans_m: simulator.spans(),
     };
     serde_json::to_string(&file).expect("numbers and words always make JSON") + "\n"
