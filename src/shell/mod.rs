@@ -22,6 +22,7 @@ pub mod report;
 pub mod score;
 pub mod simulate;
 pub mod source;
+pub mod tlog;
 pub mod tracks;
 pub mod traffic;
 pub mod train;

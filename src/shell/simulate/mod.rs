@@ -11,9 +11,11 @@ mod noise;
 mod scene;
 mod settings;
 mod shapes;
+mod telemetry;
 mod write;
 
 pub use settings::{Kind, SimulateSettings};
+pub use telemetry::{START_US, Telemetry};
 pub use write::{SimulateArgs, SimulateError, run};
 
 use crate::shell::camera::CameraFile;
@@ -120,6 +122,11 @@ impl Simulator {
     /// Spans of the other aircraft, metres.
     pub fn spans(&self) -> Vec<f64> {
         self.target.iter().map(|target| target.span).collect()
+    }
+
+    /// What the vehicle's autopilot tells during the flight.
+    pub fn telemetry(&self) -> Telemetry {
+        Telemetry::new(&self.camera, &self.settings)
     }
 
     /// Renders frame `index` (from 0) into `frame` and tells what is true in it.

@@ -1,8 +1,9 @@
 //! `lookout simulate`: a flight as files, in the form of the recorded ones.
 
-use super::{SimulateSettings, Simulator, Truth};
+use super::{START_US, SimulateSettings, Simulator, Truth};
 use crate::shell::camera::CameraFile;
 use crate::shell::source::Frame;
+use crate::shell::tlog;
 use image::ImageEncoder;
 use image::codecs::png::PngEncoder;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -13,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::string::String;
 use std::vec::Vec;
 
-/// Renders a flight: frames/, gt.txt, truth.csv and camera.json in the form of the recorded ones
+/// Renders a flight: frames/, gt.txt, truth.csv, camera.json as in the recorded ones, and flight.tlog, the vehicle's telemetry
 #[derive(Debug, Clone, clap::Args)]
 pub struct SimulateArgs {
     /// New or empty folder for the flight
@@ -73,6 +74,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), SimulateError> {
         "frame,time_s,yaw_rad,pitch_rad,roll_rad,id,azimuth_rad,elevation_rad,range_m,time_to_contact_s\n",
     )?;
     let progress = progress_bar(args.settings.frames());
+    write(&args.out.join("flight.tlog"), &telemetry(&simulator))?;
     let mut frame = Frame::default();
     for index in 0..args.settings.frames() {
         let truth = simulator.render(index, &mut frame);
@@ -127,6 +129,17 @@ fn camera_file(simulator: &Simulator) -> String {
         spans_m: simulator.spans(),
     };
     serde_json::to_string(&file).expect("numbers and words always make JSON") + "\n"
+}
+
+/// The bytes of `flight.tlog`; its first message comes with the first frame.
+fn telemetry(simulator: &Simulator) -> Vec<u8> {
+    let mut log = Vec::new();
+    for (time_us, frame) in simulator.telemetry() {
+        let time_us = START_US.saturating_add(time_us);
+        tlog::write(&mut log, time_us, frame.raw_bytes())
+            .expect("memory takes every frame the simulator makes");
+    }
+    log
 }
 
 /// The line of `gt.txt`; empty when nothing is seen.
