@@ -3,6 +3,7 @@
 use super::clips::ClipsError;
 use super::simulate::SimulateError;
 use super::source::SourceError;
+use super::tlog::TlogError;
 use crate::detector;
 use crate::model::ModelError;
 use std::io;
@@ -113,6 +114,26 @@ pub enum Error {
     SameName {
         /// The name.
         name: String,
+    },
+    /// A telemetry log that cannot be read.
+    #[error(transparent)]
+    Tlog(#[from] TlogError),
+    /// A link on which nothing was heard.
+    #[error(
+        "{link}: nothing was heard in {seconds} s; is the autopilot on, does it send MAVLink to this port, is the \
+        baud rate its own?"
+    )]
+    Silent {
+        /// The link as the user named it.
+        link: String,
+        /// How long it was listened to.
+        seconds: u32,
+    },
+    /// The doctor's verdict.
+    #[error("missing: {missing}, see above")]
+    Missing {
+        /// How many things are missing.
+        missing: usize,
     },
     /// Ctrl-C cannot be watched.
     #[error("cannot watch for Ctrl-C: {reason}")]

@@ -2,7 +2,7 @@
 
 use super::camera::CameraFile;
 use super::error::Error;
-use super::simulate::{SimulateSettings, Simulator};
+use super::simulate::{SimulateSettings, Simulator, Telemetry};
 use super::source::{self, FrameSource, Simulated};
 use std::boxed::Box;
 use std::path::Path;
@@ -37,6 +37,11 @@ impl FlightArgs {
             Some(input) => CameraFile::beside(Path::new(input)),
             None => Ok(Some(Simulator::new(&self.settings).camera())),
         }
+    }
+
+    /// The telemetry of the simulated flight.
+    pub fn telemetry(&self, input: Option<&str>) -> Option<Telemetry> {
+        input.is_none().then(|| Telemetry::of(&self.settings))
     }
 
     /// What errors call it.

@@ -7,15 +7,17 @@ use super::digest::Digest;
 use super::error::{Error, STDOUT};
 use super::flight::FlightArgs;
 use super::interrupt::{self, Ended};
+use super::onboard::Onboard;
 use super::pictures::Pictures;
 use super::pipeline::{self, DetectorArgs, ModelFile};
 use super::source::Frame;
+use super::telemetry::{LATENCY_US, Telemetry, TelemetryArgs};
 use super::traffic;
-use crate::attitudes::Attitudes;
+use crate::component::parameters::Parameters;
 use crate::detector::{Detection, Detections};
 use crate::model::Model;
 use crate::traffic::Level;
-use crate::watch::{Settings, Watch};
+use crate::watch::Settings;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -52,6 +54,8 @@ pub struct ReplayArgs {
     /// Threads to use; 1: none beside the main one, 0: one a processor core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
+    #[command(flatten)]
+    telemetry: TelemetryArgs,
     #[command(flatten)]
     camera: CameraArgs,
     #[command(flatten)]
@@ -112,7 +116,8 @@ fn progress(frames: Option<u64>) -> ProgressBar {
 struct Outputs {
     threshold: i32,
     camera: (CameraArgs, Option<CameraFile>),
-    watch: Option<Watch>,
+    telemetry: Telemetry,
+    onboard: Option<Onboard>,
     levels: BTreeMap<u16, Level>,
     mot: Option<TextFile>,
     jsonl: Option<TextFile>,
@@ -129,11 +134,13 @@ struct Outputs {
 
 impl Outputs {
     fn create(args: &ReplayArgs, threshold: i32, own: Option<CameraFile>) -> Result<Self, Error> {
+        let simulated = args.flight.telemetry(args.input.as_deref());
         let create = |path: &Option<PathBuf>| path.as_deref().map(TextFile::create).transpose();
         let outputs = Self {
             threshold,
             camera: (args.camera.clone(), own),
-            watch: None,
+            telemetry: Telemetry::open(&args.telemetry, simulated)?,
+            onboard: None,
             levels: BTreeMap::new(),
             mot: create(&args.detections)?,
             jsonl: create(&args.jsonl)?,
@@ -149,20 +156,24 @@ impl Outputs {
         let asked = outputs.mot.is_some()
             || outputs.jsonl.is_some()
             || outputs.pictures.is_some()
-            || outputs.digest.is_some();
+            || outputs.digest.is_some()
+            || args.telemetry.speaks();
         Ok(Self { tell: !asked, ..outputs })
     }
 
     fn take(&mut self, number: u64, frame: &Frame, found: &Detections) -> Result<(), Error> {
         self.frames = number;
-        if self.watch.is_none() {
-            let (args, own) = &self.camera;
-            let camera = args.camera(frame.width, frame.height, own.as_ref())?;
-            self.watch = Some(Watch::new(Settings::default(), camera));
-        }
-        let tracks = self.watch.as_mut().map_or_else(Default::default, |watch| {
-            watch.update(&found.list, frame.time_us, &found.motion, &Attitudes::new())
-        });
+        let onboard = match &mut self.onboard {
+            Some(onboard) => onboard,
+            none => {
+                let (args, own) = &self.camera;
+                let camera = args.camera(frame.width, frame.height, own.as_ref())?;
+                none.insert(Onboard::new(camera, Default::default(), Parameters::default(), 0))
+            }
+        };
+        let now_us = frame.time_us.saturating_add(LATENCY_US);
+        self.telemetry.advance(onboard, now_us)?;
+        let tracks = onboard.see(found, frame.time_us, now_us);
         let mut found = found.clone();
         found.list.retain(|detection| detection.score >= self.threshold);
         let found = &found;
@@ -202,7 +213,9 @@ impl Outputs {
     /// Completes the files also after an error; the first error is told.
     fn finish(self, ended: Result<Ended, Error>) -> Result<Ended, Error> {
         let completed = self.pictures.map_or(Ok(()), Pictures::finish);
+        let logged = self.telemetry.finish();
         let ended = ended?;
+        logged?;
         completed?;
         let Self { frames, found, dropped, .. } = self;
         if let Some(digest) = self.digest.filter(|_| ended == Ended::Complete) {

@@ -124,11 +124,6 @@ impl Simulator {
         self.target.iter().map(|target| target.span).collect()
     }
 
-    /// What the vehicle's autopilot tells during the flight.
-    pub fn telemetry(&self) -> Telemetry {
-        Telemetry::new(&self.camera, &self.settings)
-    }
-
     /// Renders frame `index` (from 0) into `frame` and tells what is true in it.
     pub fn render(&mut self, index: u64, frame: &mut Frame) -> Truth {
         let (width, height, _) = self.view;

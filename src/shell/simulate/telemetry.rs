@@ -5,9 +5,11 @@
 //! `Ry(yaw) Rx(pitch) Rz(roll)` of the camera is `Rz(yaw) Ry(pitch) Rx(roll)` of the body: the three angles of MAVLink's
 //! ATTITUDE, unchanged.
 
-use super::SimulateSettings;
 use super::attitude::Camera;
+use super::encounter::encounter;
+use super::math::Random;
 use super::math::{Vector, sin_cos};
+use super::{FOCAL, SimulateSettings};
 use crate::shell::source::frame_time_us;
 use mavlink::dialects::ardupilotmega::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA,
@@ -48,8 +50,16 @@ pub struct Telemetry {
 }
 
 impl Telemetry {
-    /// The telemetry of a flight.
-    pub(super) fn new(camera: &Camera, settings: &SimulateSettings) -> Self {
+    /// The telemetry of the flight that `settings` describe.
+    pub fn of(settings: &SimulateSettings) -> Self {
+        let settings = settings.limited();
+        let focal = f64::from(settings.width) * FOCAL;
+        let (camera, _, _) = encounter(&settings, focal, &mut Random::new(settings.seed, 0));
+        Self::new(&camera, &settings)
+    }
+
+    /// The telemetry of a camera's flight.
+    fn new(camera: &Camera, settings: &SimulateSettings) -> Self {
         let last = frame_time_us(settings.frames() - 1, (settings.fps, 1));
         let end_us = last.saturating_add(AFTER_US);
         Self { camera: camera.clone(), end_us, tick: 0, slot: 0, sequence: 0 }
@@ -189,8 +199,7 @@ fn position(camera: &Camera, time: f64, time_boot_ms: u32) -> MavMessage {
 #[cfg(test)]
 mod tests {
     use super::super::Kind;
-    use super::super::encounter::encounter;
-    use super::super::math::{Random, Rotation};
+    use super::super::math::Rotation;
     use super::*;
     use mavlink::{MavlinkVersion, Message};
     use std::vec::Vec;

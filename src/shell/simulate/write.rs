@@ -1,6 +1,6 @@
 //! `lookout simulate`: a flight as files, in the form of the recorded ones.
 
-use super::{START_US, SimulateSettings, Simulator, Truth};
+use super::{START_US, SimulateSettings, Simulator, Telemetry, Truth};
 use crate::shell::camera::CameraFile;
 use crate::shell::source::Frame;
 use crate::shell::tlog;
@@ -74,7 +74,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), SimulateError> {
         "frame,time_s,yaw_rad,pitch_rad,roll_rad,id,azimuth_rad,elevation_rad,range_m,time_to_contact_s\n",
     )?;
     let progress = progress_bar(args.settings.frames());
-    write(&args.out.join("flight.tlog"), &telemetry(&simulator))?;
+    write(&args.out.join("flight.tlog"), &telemetry(&args.settings))?;
     let mut frame = Frame::default();
     for index in 0..args.settings.frames() {
         let truth = simulator.render(index, &mut frame);
@@ -132,9 +132,9 @@ fn camera_file(simulator: &Simulator) -> String {
 }
 
 /// The bytes of `flight.tlog`; its first message comes with the first frame.
-fn telemetry(simulator: &Simulator) -> Vec<u8> {
+fn telemetry(settings: &SimulateSettings) -> Vec<u8> {
     let mut log = Vec::new();
-    for (time_us, frame) in simulator.telemetry() {
+    for (time_us, frame) in Telemetry::of(settings) {
         let time_us = START_US.saturating_add(time_us);
         tlog::write(&mut log, time_us, frame.raw_bytes())
             .expect("memory takes every frame the simulator makes");
