@@ -4,6 +4,7 @@
 //! taken, so that the same flight gives the same messages however fast the machine is.
 
 use super::error::Error;
+use super::link::signing::{self, Signing};
 use super::link::{LinkSpec, Links};
 use super::onboard::Onboard;
 use super::simulate;
@@ -15,7 +16,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::iter::{self, Peekable};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::string::String;
 use std::time::{Duration, Instant, SystemTime};
 use std::vec::Vec;
@@ -45,6 +46,9 @@ pub struct TelemetryArgs {
     /// Send over this link too, in real time: udpout:HOST:PORT, udpin:.., tcpout:.., tcpin:.. or serial:DEVICE:BAUD; may be repeated
     #[arg(long, value_name = "SPEC")]
     link: Vec<LinkSpec>,
+    /// Key for signatures on these links, 64 hexadecimal digits; unsigned commands are then refused. The signing time is kept in FILE.time
+    #[arg(long, value_name = "FILE", requires = "link")]
+    signing_key: Option<PathBuf>,
 }
 
 impl TelemetryArgs {
@@ -57,6 +61,15 @@ impl TelemetryArgs {
 fn parse_start(text: &str) -> Result<f64, &'static str> {
     let seconds = text.parse().ok().filter(|seconds: &f64| seconds.abs() <= 1e6);
     seconds.ok_or("expected a number of seconds")
+}
+
+/// Signatures with the key in `path`.
+fn signing_with(path: &Path) -> Result<Signing, Error> {
+    let key = signing::read_key(path).map_err(Error::read(path))?;
+    let mut time = path.to_path_buf().into_os_string();
+    time.push(".time");
+    let time = Path::new(&time);
+    Signing::new(key, Some(time), signing::clock()).map_err(Error::read(time))
 }
 
 type Feed = Box<dyn Iterator<Item = Result<(i64, MAVLinkMessageRaw), TlogError>>>;
@@ -107,11 +120,12 @@ impl Telemetry {
             let file = File::create(path).map_err(Error::write(path))?;
             Ok::<_, Error>((path.clone(), BufWriter::new(file)))
         };
+        let signing = args.signing_key.as_deref().map(signing_with).transpose()?;
         Ok(Self {
             feed: feed.peekable(),
             first_us,
             log: args.tlog_out.as_ref().map(create).transpose()?,
-            links: (!args.link.is_empty()).then(|| Links::open(&args.link)),
+            links: (!args.link.is_empty()).then(|| Links::open_signed(&args.link, signing)),
             sequences: BTreeMap::new(),
             now_us: 0,
             started: None,
