@@ -287,7 +287,7 @@ mod tests {
             let real = Real::from_bits;
             let intrinsics = Intrinsics { width: 640, height: 480, focal: focal.map(real), centre: centre.map(real), distortion: k.map(real) };
             let cameras = [Camera::new(intrinsics), Camera::new(Intrinsics {
-                focal: [real(focal[0].rem_euclid(1 << 47)) + 40, Real::from_num(300)],
+                focal: [real(focal[0].rem_euclid(1 << 47)) + Real::from_num(40), Real::from_num(300)],
                 centre: [Real::from_num(100); 2],
                 distortion: k.map(|k| real(k % (1 << 41))),
                 ..intrinsics

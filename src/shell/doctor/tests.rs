@@ -3,7 +3,7 @@
 use super::*;
 use crate::message::Payload;
 use mavlink::dialects::ardupilotmega::*;
-use mavlink::{MAVLinkMessageRaw, MavHeader, Message};
+use mavlink::{MAVLinkMessageRaw, MavHeader};
 use std::collections::BTreeMap;
 use std::string::String;
 use std::vec;
