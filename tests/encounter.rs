@@ -115,16 +115,21 @@ fn a_collision_from_pixels_to_datagrams() {
         assert_eq!((header.system_id, header.component_id), (1, 196));
         assert_eq!(header.sequence, number as u8);
     }
-    assert!(levels.contains(&Level::Warning), "no warning in {} frames", levels.len());
+    // How far it rises is the model's; that it only rises is not.
+    let highest = levels.iter().max().copied().unwrap_or_default();
+    assert!(highest >= Level::Caution, "{highest:?} in {} frames", levels.len());
     let severities: Vec<u8> = said
         .iter()
-        .filter_map(|(time, message)| match message {
-            MavMessage::STATUSTEXT(data) if *time <= stopped => Some(data.severity as u8),
+        .filter_map(|(_, message)| match message {
+            MavMessage::STATUSTEXT(data) if data.text.to_str().unwrap().contains("VIS") => {
+                Some(data.severity as u8)
+            }
             _ => None,
         })
         .collect();
-    assert!(severities.is_sorted_by(|a, b| a >= b), "only rising: {severities:?}");
-    assert_eq!(severities.last(), Some(&(MavSeverity::MAV_SEVERITY_CRITICAL as u8)));
+    assert!(severities.is_sorted_by(|a, b| a > b), "only rising: {severities:?}");
+    assert!(severities.last().is_some_and(|&s| s <= MavSeverity::MAV_SEVERITY_WARNING as u8));
+    println!("{} messages, highest level {highest:?}", said.len());
 
     let beats = heartbeats(&said);
     assert!(
@@ -362,6 +367,7 @@ fn attitudes_that_are_late_or_missing() {
 #[test]
 fn strange_frames_among_the_good_ones() {
     let mut world = World::new();
+    world.fly(2.0);
     let mut state = 1u64;
     for step in 0..500 {
         for _ in 0..5 {
@@ -396,5 +402,7 @@ fn strange_frames_among_the_good_ones() {
     }
     assert!(world.in_world());
     assert_eq!(world.onboard.component().autopilot().map(|own| own.system_id), Some(1));
-    assert!(world.after(3 * SECOND, |_, m| matches!(m, MavMessage::ADSB_VEHICLE(_))).is_some());
+    let warned = world.seen.iter().any(|(_, t)| t.iter().any(|t| t.level > Level::Traffic));
+    assert!(!warned, "the other one keeps its distance");
+    assert!(world.after(6 * SECOND, |_, m| matches!(m, MavMessage::ADSB_VEHICLE(_))).is_some());
 }

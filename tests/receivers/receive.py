@@ -75,10 +75,11 @@ def check_log():
     assert all(m.type == 18 and m.autopilot == 8 and m.base_mode == 0 for m in beats)
     assert 5 <= len(beats) <= 7 and beats[-1].system_status == mavlink.MAV_STATE_ACTIVE, len(beats)
 
-    severities = [m.severity for m in of(messages, "STATUSTEXT")]
-    assert len(severities) >= 2 and severities[-1] == mavlink.MAV_SEVERITY_CRITICAL, texts(messages)
-    assert severities == sorted(severities, reverse=True), severities
-    assert texts(messages)[-1].startswith("WARNING VIS"), texts(messages)
+    # How far it rises is the model's; that it only rises is not.
+    alerts = [m for m in of(messages, "STATUSTEXT") if "VIS" in m.text]
+    severities = [m.severity for m in alerts]
+    assert len(severities) >= 2 and severities[-1] <= mavlink.MAV_SEVERITY_WARNING, texts(messages)
+    assert severities == sorted(set(severities), reverse=True), severities
 
     vehicles = of(messages, "ADSB_VEHICLE")
     assert len({m.ICAO_address for m in vehicles}) == 1 and 0x100 <= vehicles[0].ICAO_address <= 0x3FFF
@@ -94,7 +95,7 @@ def check_log():
         off = math.hypot(wrap(azimuth - truth["azimuth_rad"]), elevation - truth["elevation_rad"])
         assert math.degrees(off) < 3, (math.degrees(off), m)
         assert m.altitude_type == mavlink.ADSB_ALTITUDE_TYPE_GEOMETRIC and m.tslc <= 1, m
-        assert m.flags & 0b1111 == 0b1111 and m.callsign.startswith("VIS"), m
+        assert m.flags & 0b11 == 0b11 and m.callsign.startswith("VIS"), m
     span = vehicles[-1]._timestamp - vehicles[0]._timestamp
     rate = (len(vehicles) - 1) / span
     assert 1.8 <= rate <= 2.2, rate
@@ -102,9 +103,9 @@ def check_log():
     collisions = of(messages, "COLLISION")
     assert collisions and all(m.id == vehicles[0].ICAO_address and m.src == 0 for m in collisions)
     assert not of(messages, "OBSTACLE_DISTANCE", "OBSTACLE_DISTANCE_3D"), "off by default"
-    warned = of(messages, "STATUSTEXT")[-1]._timestamp - START
-    contact = truth_at(warned)["time_to_contact_s"]
-    return f"{len(messages)} messages, warned at {warned:.2f} s, {contact:.1f} s before contact"
+    alert = alerts[-1]._timestamp - START
+    contact = truth_at(alert)["time_to_contact_s"]
+    return f"{len(messages)} messages, '{alerts[-1].text}' {contact:.1f} s before contact"
 
 
 def wrap(angle):
@@ -279,7 +280,7 @@ def check_mavsdk():
         finished(lookout(*REPLAY, "--link", f"udpout:127.0.0.1:{place}"))
         time.sleep(0.3)
         stop.set()
-        assert any(text.startswith("WARNING VIS") for _, text in heard), heard
+        assert any(text.startswith(("Caution VIS", "WARNING VIS")) for _, text in heard), heard
         assert mavlink.MAV_STATE_ACTIVE in states, states
         telemetry.destroy()
         direct.destroy()
