@@ -9,6 +9,7 @@ use crate::model::{Method, Model};
 use crate::motion::Alignment;
 use crate::nms;
 use crate::persistence::Persistence;
+use crate::planar::Motion;
 use crate::scan::{Candidate, Map};
 use core::cmp::Reverse;
 use heapless::binary_heap::{BinaryHeap, Min};
@@ -209,6 +210,8 @@ pub struct Detections {
     pub dropped: u32,
     /// Whether the background's motion could be measured; if not, older frames were left where they are.
     pub registered: bool,
+    /// Where each point of the background was in the frame before; not valid where that could not be measured.
+    pub motion: Motion,
 }
 
 /// Best windows of one level.
@@ -291,7 +294,11 @@ impl<'m, 'b> Detector<'m, 'b> {
         let noise = FrontEnd::noise(&pyramid);
         each_level(&mut pyramid, |level| front.fill_map(level, &noise));
         observer(Stage::Channels);
-        let mut detections = Detections { registered: front.registered(), ..Detections::default() };
+        let mut detections = Detections {
+            registered: front.registered(),
+            motion: front.motion(),
+            ..Detections::default()
+        };
         let candidates = scan(model, config, &pyramid, &mut detections);
         observer(Stage::Scan);
         let judge = Judge {

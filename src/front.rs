@@ -108,6 +108,11 @@ impl FrontEnd {
         self.motions[0].is_valid()
     }
 
+    /// The background's motion to the frame before.
+    pub fn motion(&self) -> Motion {
+        self.motions[0]
+    }
+
     /// Takes in one frame and measures its motion. Panics if the frame has another size or the memory is not that of
     /// the last call.
     pub fn take(&mut self, frame: Image<'_>, bytes: &mut [u8]) {

@@ -53,15 +53,21 @@
 //! | 6 | [`model`] | the model file, checked once and read where it lies |
 //! | 5 | [`scan`] | a soft cascade over every window of every level: the candidates |
 //! | 5 | [`motion`] | Algorithm 1: the object stays in the middle of every slice of its cube |
+//! | 5 | [`watch`] | detections in, traffic out: tracks and their threat, the camera's own turning removed |
+//! | 4 | [`threat`] | time to contact, constant bearing, range, alert levels |
 //! | 4 | [`feature`] | energies of boxes in a cube, compared without a division |
 //! | 4 | [`levels`] | the pyramid of a frame and its memory |
 //! | 4 | `component` | a MAVLink component: what it hears, answers and tells (feature `mavlink`) |
 //! | 3 | `message` | MAVLink messages about traffic (feature `mavlink`) |
+//! | 3 | [`track`] | which detections are of one object, and how it moves |
 //! | 3 | [`cube`] | windows on the last frames: the slices of a st-cube |
 //! | 3 | [`warp`] | an older frame seen from where the camera is now, and what differs |
+//! | 2 | [`attitudes`] | the vehicle's attitude at the time of a frame |
+//! | 2 | [`camera`] | from a point in the picture to a direction, and back |
 //! | 2 | [`channels`] | gradient energies and differences of a level, in tables and in the scan's map |
 //! | 2 | [`registration`] | the motion of the background from frame to frame |
 //! | 2 | [`traffic`] | what is told to others about an object: where it is, how near, how dangerous |
+//! | 1 | [`geometry`] | directions and attitudes |
 //! | 1 | [`detection`] | what was found in a frame |
 //! | 1 | [`calibration`] | what share of detections of a score is right |
 //! | 1 | [`persistence`] | what was there a frame ago makes a detection surer |
@@ -73,6 +79,7 @@
 //! | 1 | [`pyramid`] | smaller copies of a picture |
 //! | 1 | [`nms`] | of boxes that overlap only the best is kept |
 //! | 0 | [`image`] | views of grey pictures, and boxes in them |
+//! | 0 | [`angle`] | roots, logarithms, sines, vectors in fixed point |
 //! | 0 | [`fixed`] | fixed-point helpers |
 //! | 0 | [`linear`] | small systems of linear equations in integers |
 #![no_std]
@@ -80,7 +87,10 @@
 #[cfg(any(test, feature = "std"))]
 extern crate std;
 
+pub mod angle;
+pub mod attitudes;
 pub mod calibration;
+pub mod camera;
 pub mod channels;
 #[cfg(feature = "mavlink")]
 pub mod component;
@@ -91,6 +101,7 @@ pub mod feature;
 pub mod fixed;
 pub mod flow;
 pub mod front;
+pub mod geometry;
 pub mod gradient;
 pub mod image;
 pub mod integral;
@@ -109,7 +120,10 @@ pub mod registration;
 pub mod scan;
 #[cfg(feature = "std")]
 pub mod shell;
+pub mod threat;
+pub mod track;
 pub mod traffic;
 pub mod trees;
 pub mod warp;
+pub mod watch;
 pub mod window_flow;

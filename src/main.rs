@@ -4,7 +4,7 @@ use clap::Parser;
 use lookout::shell::cli::{Cli, Verb};
 use lookout::shell::error::Error;
 use lookout::shell::interrupt::{self, Ended};
-use lookout::shell::{bench, eval, replay, train};
+use lookout::shell::{bench, doctor, eval, replay, train};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -33,6 +33,7 @@ fn dispatch(verb: &Verb) -> Result<Ended, Error> {
         Verb::Eval(args) => eval::run(args),
         Verb::Score(args) => eval::run_score(args),
         Verb::Bench(args) => bench::run(args),
+        Verb::Doctor(args) => doctor::run(args),
         Verb::Train(args) => train::run(args),
     }
 }

@@ -40,6 +40,12 @@ pub struct Motion {
     valid: bool,
 }
 
+impl Default for Motion {
+    fn default() -> Self {
+        Self::IDENTITY
+    }
+}
+
 impl Motion {
     /// No motion, not measured.
     pub const IDENTITY: Self = Self { parameters: [0; 8], centre: (0, 0), scale: 0, valid: false };
@@ -48,6 +54,20 @@ impl Motion {
     pub(crate) fn still(width: usize, height: usize) -> Self {
         let scale = width.max(height).next_power_of_two().ilog2().saturating_sub(1);
         Self { parameters: [0; 8], centre: (width as i32, height as i32), scale, valid: false }
+    }
+
+    /// A measured motion of frames of this size: eight parameters as [`Motion::parameters`] gives them, each brought to
+    /// at most 2^26 in magnitude.
+    pub fn new(width: usize, height: usize, parameters: [i32; 8]) -> Self {
+        let parameters = parameters.map(|v| v.clamp(-1 << 26, 1 << 26));
+        Self { parameters, valid: true, ..Self::still(width, height) }
+    }
+
+    /// Eight parameters in pixels, Q16, in the order a d b c e f g h. At (x, y) from the middle of the frame, in lengths of
+    /// half its longer side (that rounded up to a power of two), a point is shifted towards the frame before by
+    /// `a + b x + c y + (g x + h y) x` to the right and `d + e x + f y + (g x + h y) y` downwards.
+    pub const fn parameters(&self) -> [i32; 8] {
+        self.parameters
     }
 
     /// Whether the background held enough to measure the motion; if not, the motion is none.

@@ -2,8 +2,9 @@
 //!
 //! The tracker and the judgement of threats fill these in; messages, logs and pages read them. All in fixed point.
 
+pub use crate::geometry::Direction;
 use crate::image::Rect;
-use fixed::types::{I2F30, I16F16};
+use fixed::types::I16F16;
 
 /// Most objects that are followed at once.
 pub const MAX_TRAFFIC: usize = 16;
@@ -29,17 +30,6 @@ pub struct Estimate {
     pub value: I16F16,
     /// One standard deviation, 0 or more.
     pub sigma: I16F16,
-}
-
-/// A unit vector.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Direction {
-    /// Forward (body) or north.
-    pub x: I2F30,
-    /// Right (body) or east.
-    pub y: I2F30,
-    /// Down.
-    pub z: I2F30,
 }
 
 /// One object that is followed, at the time of one frame.

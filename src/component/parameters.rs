@@ -20,9 +20,9 @@ pub enum Parameter {
     Threshold,
     /// `LK_WINGSPAN`: assumed wingspan of other aircraft in metres; 1 by default.
     Wingspan,
-    /// `LK_CAUTION_S`: time to contact below which there is a caution, in seconds; 20 by default.
+    /// `LK_CAUTION_S`: time to contact below which there is a caution, in seconds; 12 by default.
     CautionTime,
-    /// `LK_WARNING_S`: time to contact below which there is a warning, in seconds; 10 by default.
+    /// `LK_WARNING_S`: time to contact below which there is a warning, in seconds; 6 by default.
     WarningTime,
     /// `LK_ADSB_HZ`: reports of an aircraft a second by ADSB_VEHICLE, 0 for none; 2 by default.
     AdsbRate,
@@ -53,8 +53,8 @@ struct Definition(Parameter, &'static str, f32, f32, f32, bool);
 static DEFINITIONS: [Definition; COUNT] = [
     Definition(Parameter::Threshold, "LK_THRESHOLD", -1.0, -32.0, 32.0, false),
     Definition(Parameter::Wingspan, "LK_WINGSPAN", 1.0, 0.0625, 100.0, false),
-    Definition(Parameter::CautionTime, "LK_CAUTION_S", 20.0, 1.0, 120.0, false),
-    Definition(Parameter::WarningTime, "LK_WARNING_S", 10.0, 1.0, 120.0, false),
+    Definition(Parameter::CautionTime, "LK_CAUTION_S", 12.0, 1.0, 60.0, false),
+    Definition(Parameter::WarningTime, "LK_WARNING_S", 6.0, 1.0, 60.0, false),
     Definition(Parameter::AdsbRate, "LK_ADSB_HZ", 2.0, 0.0, 5.0, false),
     Definition(Parameter::Collision, "LK_COLLISION", 1.0, 0.0, 1.0, true),
     Definition(Parameter::Text, "LK_TEXT", 1.0, 0.0, 1.0, true),

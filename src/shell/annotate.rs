@@ -3,6 +3,8 @@
 use super::detections::Decimal;
 use super::source::Frame;
 use crate::detector::{Detection, Detections};
+use crate::image::Rect;
+use crate::traffic::{Level, Traffic};
 use fixed::types::I28F4;
 use std::format;
 use std::vec::Vec;
@@ -35,22 +37,44 @@ impl Picture {
         }
     }
 
+    /// Objects that are followed, on top: a box in the colour of the level, the track's number below.
+    pub fn tracks(&mut self, traffic: &[Traffic]) {
+        for track in traffic.iter().filter(|track| track.confirmed) {
+            let colour = match track.level {
+                Level::None | Level::Traffic => [255, 255, 255],
+                Level::Caution => [255, 200, 0],
+                Level::Warning => [255, 0, 0],
+            };
+            let [left, top, _, bottom] = self.outline(track.rect, 3, colour);
+            let id = format!("{}", track.id);
+            let below = bottom + 2;
+            let fits = below + GLYPH_HEIGHT <= self.height as i32;
+            self.text(left, if fits { below } else { top - GLYPH_HEIGHT - 1 }, &id, colour);
+        }
+    }
+
+    /// The outline of a box, so many pixels around it; gives its left, top, right, bottom.
+    fn outline(&mut self, rect: Rect, around: i32, colour: [u8; 3]) -> [i32; 4] {
+        let left = pixel(rect.x) - around;
+        let top = pixel(rect.y) - around;
+        let right = last_pixel(rect.x, rect.width) + around;
+        let bottom = last_pixel(rect.y, rect.height) + around;
+        let (width, height) = (self.width as i32, self.height as i32);
+        for x in left.max(0)..=right.min(width - 1) {
+            self.plot(x, top, colour);
+            self.plot(x, bottom, colour);
+        }
+        for y in top.max(0)..=bottom.min(height - 1) {
+            self.plot(left, y, colour);
+            self.plot(right, y, colour);
+        }
+        [left, top, right, bottom]
+    }
+
     fn detection(&mut self, detection: &Detection) {
         let rect = detection.rect;
         // The outline lies around the box: on the pixels just outside.
-        let left = pixel(rect.x) - 1;
-        let top = pixel(rect.y) - 1;
-        let right = last_pixel(rect.x, rect.width) + 1;
-        let bottom = last_pixel(rect.y, rect.height) + 1;
-        let (width, height) = (self.width as i32, self.height as i32);
-        for x in left.max(0)..=right.min(width - 1) {
-            self.plot(x, top, BOX);
-            self.plot(x, bottom, BOX);
-        }
-        for y in top.max(0)..=bottom.min(height - 1) {
-            self.plot(left, y, BOX);
-            self.plot(right, y, BOX);
-        }
+        let [left, top, right, bottom] = self.outline(rect, 1, BOX);
         if let Some(oldest) = detection.shifts.last() {
             // Where it was, turned round: where it goes.
             let ahead = |shift: I28F4| pixel(shift.saturating_mul_int(-MOTION_SCALE));
@@ -143,7 +167,6 @@ fn glyph(character: char) -> [u8; GLYPH_ROWS] {
 mod tests {
     use super::*;
     use crate::detector::Shift;
-    use crate::image::Rect;
     use proptest::prelude::*;
     use std::vec;
 

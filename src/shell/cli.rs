@@ -1,6 +1,6 @@
 //! The command line: verbs and what they take.
 
-use super::{bench, eval, replay, train};
+use super::{bench, doctor, eval, replay, train};
 use clap::{Parser, Subcommand};
 use std::format;
 
@@ -27,6 +27,8 @@ pub enum Verb {
     Score(eval::ScoreArgs),
     /// Measure speed and memory
     Bench(bench::BenchArgs),
+    /// Tell what is missing between the lookout and the autopilot
+    Doctor(doctor::DoctorArgs),
     /// Learn a model from a folder of clips with ground truth
     Train(train::TrainArgs),
 }

@@ -5,9 +5,15 @@
 
 use super::error::Error;
 use super::score::Found;
-use crate::detector::{Detection, Detections};
+use super::traffic::{self, TrafficLine};
+use crate::detection::{SHIFTS, Shift};
+use crate::detector::{Detection, Detections, MAX_DETECTIONS};
+use crate::image::Rect;
+use crate::planar::Motion;
+use crate::traffic::Traffic;
 use core::fmt;
-use serde::Serialize;
+use fixed::types::I28F4;
+use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{Seek, Write};
@@ -116,7 +122,7 @@ pub fn mot_lines(frame: u64, detections: &Detections) -> String {
     lines
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, Deserialize)]
 struct FrameLine {
     frame: u64,
     time_us: i64,
@@ -124,10 +130,15 @@ struct FrameLine {
     kept: u32,
     dropped: u32,
     registered: bool,
+    /// [`crate::planar::Motion::parameters`].
+    motion: [i32; 8],
     detections: Vec<DetectionLine>,
+    /// What is followed, where something is.
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    tracks: Option<Vec<TrafficLine>>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, Deserialize)]
 struct DetectionLine {
     /// Left, top, width, height in pixels.
     r#box: [f64; 4],
@@ -136,8 +147,13 @@ struct DetectionLine {
     shifts: Vec<[f64; 2]>,
 }
 
-/// The line of a frame in JSON Lines form; `frame` from 1.
-pub fn json_line(frame: u64, time_us: i64, detections: &Detections) -> String {
+/// The line of a frame in JSON Lines form; `frame` from 1; `tracks` where objects were followed.
+pub fn json_line(
+    frame: u64,
+    time_us: i64,
+    detections: &Detections,
+    tracks: Option<&[Traffic]>,
+) -> String {
     let pixels = |v| Decimal::pixels(v).to_f64();
     let line = FrameLine {
         frame,
@@ -146,6 +162,7 @@ pub fn json_line(frame: u64, time_us: i64, detections: &Detections) -> String {
         kept: detections.kept,
         dropped: detections.dropped,
         registered: detections.registered,
+        motion: detections.motion.parameters(),
         detections: detections
             .list
             .iter()
@@ -155,10 +172,58 @@ pub fn json_line(frame: u64, time_us: i64, detections: &Detections) -> String {
                 shifts: d.shifts.iter().map(|s| [pixels(s.x), pixels(s.y)]).collect(),
             })
             .collect(),
+        tracks: tracks.map(traffic::lines),
     };
     let mut text = serde_json::to_string(&line).expect("numbers and names always make JSON");
     text.push('\n');
     text
+}
+
+/// Reads the lines that [`json_line`] writes: the time of each frame and its detections, frames of this size.
+///
+/// # Errors
+/// [`Error::Read`], or [`Error::Text`] naming the line.
+pub fn read_json(path: &Path, size: (usize, usize)) -> Result<Vec<(i64, Detections)>, Error> {
+    let text = fs::read_to_string(path).map_err(Error::read(path))?;
+    let mut frames = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        let wrong = |reason| Error::Text { path: path.into(), line: index + 1, reason };
+        let line: FrameLine =
+            serde_json::from_str(line).map_err(|e| wrong(format!("not a frame: {e}")))?;
+        if line.frame != index as u64 + 1 {
+            return Err(wrong(format!("frame {}, expected {}", line.frame, index + 1)));
+        }
+        frames.push((line.time_us, line.detections(size)));
+    }
+    Ok(frames)
+}
+
+impl FrameLine {
+    fn detections(&self, (width, height): (usize, usize)) -> Detections {
+        let pixels = |v: f64| I28F4::saturating_from_num(v);
+        let detection = |line: &DetectionLine| {
+            let [x, y, width, height] = line.r#box.map(pixels);
+            let mut shifts = [Shift::default(); SHIFTS];
+            for (shift, [x, y]) in shifts.iter_mut().zip(&line.shifts) {
+                *shift = Shift { x: pixels(*x), y: pixels(*y) };
+            }
+            // Back to the nearest unit, which six decimals keep apart.
+            let score = (line.score * f64::from(1 << SCORE_BITS)).round() as i32;
+            Detection { rect: Rect { x, y, width, height }, score, shifts }
+        };
+        Detections {
+            list: self.detections.iter().take(MAX_DETECTIONS).map(detection).collect(),
+            windows: self.windows,
+            kept: self.kept,
+            dropped: self.dropped,
+            registered: self.registered,
+            motion: match self.registered {
+                true => Motion::new(width, height, self.motion),
+                false => Motion::IDENTITY,
+            },
+            ..Detections::default()
+        }
+    }
 }
 
 /// Reads detections in MOTChallenge form; fields behind the score are ignored.
@@ -202,9 +267,6 @@ fn parse_mot_line(line: &str) -> Result<Found, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detector::Shift;
-    use crate::image::Rect;
-    use fixed::types::I28F4;
     use proptest::prelude::*;
     use std::string::ToString;
 
@@ -222,9 +284,9 @@ mod tests {
         let detections = one([-1, 33, 160, 8], -(1 << (SCORE_BITS - 1)));
         assert_eq!(mot_lines(7, &detections), "7,-1,-0.0625,2.0625,10.0000,0.5000,-0.500000\n");
         assert_eq!(
-            json_line(7, 200_000, &detections),
+            json_line(7, 200_000, &detections, None),
             "{\"frame\":7,\"time_us\":200000,\"windows\":9,\"kept\":2,\"dropped\":0,\"registered\":false,\
-             \"detections\":[{\"box\":[-0.0625,2.0625,10.0,0.5],\"score\":-0.5,\
+             \"motion\":[0,0,0,0,0,0,0,0],\"detections\":[{\"box\":[-0.0625,2.0625,10.0,0.5],\"score\":-0.5,\
              \"shifts\":[[-0.0625,1.5],[-0.0625,1.5],[-0.0625,1.5]]}]}\n"
         );
         assert_eq!(mot_lines(1, &Detections::default()), "");
@@ -252,6 +314,8 @@ mod tests {
         fn what_is_written_reads_back_equal(rect: [i32; 4], score: i32, frame in 1..9999u64) {
             let detections = one(rect, score);
             let path = tempfile::NamedTempFile::new().unwrap();
+            fs::write(&path, json_line(1, -5, &detections, None)).unwrap();
+            prop_assert_eq!(read_json(path.path(), (64, 48)).unwrap(), [(-5, detections.clone())]);
             fs::write(&path, mot_lines(frame, &detections)).unwrap();
             let read = read_mot(path.path()).unwrap();
             prop_assert_eq!(&read, &found(frame, &detections).collect::<Vec<_>>());

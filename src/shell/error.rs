@@ -4,6 +4,7 @@ use super::clips::ClipsError;
 use super::methods::MethodName;
 use super::simulate::SimulateError;
 use super::source::SourceError;
+use super::tlog::TlogError;
 use crate::detector;
 use crate::model::ModelError;
 use std::io;
@@ -23,6 +24,14 @@ pub enum Error {
     /// Clips cannot be read.
     #[error(transparent)]
     Clips(#[from] ClipsError),
+    /// A camera file or option that makes no camera.
+    #[error("{}: {reason}", path.display())]
+    Camera {
+        /// The file, or the options.
+        path: PathBuf,
+        /// The field, and what is expected.
+        reason: String,
+    },
     /// A source that holds no frame at all.
     #[error("{input}: no frames in it; give a folder of pictures, a .y4m or a video with frames")]
     NoFrames {
@@ -140,6 +149,26 @@ pub enum Error {
         path: PathBuf,
         /// What is wrong.
         reason: String,
+    },
+    /// A telemetry log that cannot be read.
+    #[error(transparent)]
+    Tlog(#[from] TlogError),
+    /// A link on which nothing was heard.
+    #[error(
+        "{link}: nothing was heard in {seconds} s; is the autopilot on, does it send MAVLink to this port, is the \
+        baud rate its own?"
+    )]
+    Silent {
+        /// The link as the user named it.
+        link: String,
+        /// How long it was listened to.
+        seconds: u32,
+    },
+    /// The doctor's verdict.
+    #[error("missing: {missing}, see above")]
+    Missing {
+        /// How many things are missing.
+        missing: usize,
     },
     /// Ctrl-C cannot be watched.
     #[error("cannot watch for Ctrl-C: {reason}")]

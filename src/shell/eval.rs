@@ -11,6 +11,7 @@ use super::replay::print_line;
 use super::report::{self, IOUS, Plan, ReportArgs, Seen};
 use super::score::{self, Found, Report, Scorer, WARMUP};
 use super::source::{self, Frame, FrameSource, SourceError};
+use super::tracks::{self, ClipWatch, Figures};
 use crate::detector::Detections;
 use crate::model::Model;
 use serde::Serialize;
@@ -34,6 +35,12 @@ pub struct SplitArgs {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// Follow what was found and tell how good tracks and warnings are; the clips need camera.json and truth.csv
+    #[arg(long)]
+    tracks: bool,
+    /// Follow without the vehicle's attitude, by the picture alone
+    #[arg(long, requires = "tracks")]
+    no_attitude: bool,
 }
 
 impl SplitArgs {
@@ -46,6 +53,11 @@ impl SplitArgs {
             return Err(Error::NoClips { path: self.data.clone(), names: self.clips.clone() });
         }
         Ok(clips)
+    }
+
+    fn watch<'a>(&self, clip: &'a Clip) -> Result<Option<ClipWatch<'a>>, Error> {
+        let watch = || ClipWatch::new(clip, !self.no_attitude, Default::default());
+        self.tracks.then(watch).transpose()
     }
 }
 
@@ -62,7 +74,7 @@ pub struct EvalArgs {
     /// Folder with METHOD.lkm for each method but ours, whose model is --model
     #[arg(long, value_name = "DIR", default_value = "methods")]
     models: PathBuf,
-    /// Write CLIP.txt (MOTChallenge) for every clip into this folder, of other methods than ours into its folder METHOD
+    /// Write CLIP.txt (MOTChallenge) and CLIP.jsonl (with motion) for every clip into this folder, of other methods than ours into its folder METHOD
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -91,6 +103,7 @@ struct ClipResult {
     times_ms: Vec<f64>,
     /// What a report needs beside.
     seen: Option<Seen>,
+    tracks: Option<tracks::ClipResult>,
 }
 
 /// What the scan did, summed over frames.
@@ -186,9 +199,8 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
         // The others came before, so that the report can look at their detections on our run's frames.
         let ours = run.method == MethodName::Ours;
         let watched = plan.as_ref().filter(|_| ours);
-        let work = |index: usize, clip: &Clip| {
-            run_clip(index, clip, run, model.as_ref(), &args.detector, watched)
-        };
+        let work =
+            |index: usize, clip: &Clip| run_clip(index, clip, run, model.as_ref(), args, watched);
         let Some(results) = parallel::clips(&clips, args.jobs, &work)? else {
             eprintln!(
                 "lookout: interrupted; the files of the clips done so far are complete, no figures"
@@ -200,7 +212,13 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
         // Without a model there is no scan.
         let scan = model.is_some().then(|| counts.into());
         let name = (runs.len() > 1 || !ours).then(|| run.method.to_string());
-        print(name.as_deref(), &reports(&clips, &results), scan, args.split.json)?;
+        print(
+            name.as_deref(),
+            &reports(&clips, &results),
+            scan,
+            figures(&results),
+            args.split.json,
+        )?;
         if ours {
             if let (Some(mut plan), Some(model)) = (plan.take(), model) {
                 plan.measure_regressors(&clips, model, &args.detector, args.jobs)?;
@@ -270,11 +288,18 @@ pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     let score = |clip: &Clip| {
         let path = report::path_of(&args.detections, clip);
         let found = if path.exists() { detections::read_mot(&path)? } else { Vec::new() };
-        Ok(ClipResult { found, ..ClipResult::default() })
+        let Some(mut watch) = args.split.watch(clip)? else {
+            return Ok(ClipResult { found, ..ClipResult::default() });
+        };
+        let frames = detections::read_json(&path.with_extension("jsonl"), watch.size)?;
+        for (number, (time_us, frame)) in (1..).zip(&frames) {
+            watch.frame(number, *time_us, &frame.list, &frame.motion);
+        }
+        Ok(ClipResult { found, tracks: Some(watch.finish()), ..ClipResult::default() })
     };
     let clips = args.split.clips()?;
     let results = clips.iter().map(score).collect::<Result<Vec<ClipResult>, Error>>()?;
-    print(None, &reports(&clips, &results), None, args.split.json)?;
+    print(None, &reports(&clips, &results), None, figures(&results), args.split.json)?;
     Ok(Ended::Complete)
 }
 
@@ -283,7 +308,7 @@ fn run_clip(
     clip: &Clip,
     run: &Run,
     model: Option<&Model<'_>>,
-    detector: &DetectorArgs,
+    args: &EvalArgs,
     plan: Option<&Plan>,
 ) -> Result<ClipResult, Error> {
     let input = format!("{}", clip.input.display());
@@ -292,7 +317,11 @@ fn run_clip(
     let mut source = Stamped { source: source::open(&input)?, delivered: &delivered };
     let path = run.out.as_deref().map(|out| report::path_of(out, clip));
     let mut file = path.as_deref().map(TextFile::create).transpose()?;
+    let lines = path.as_deref().map(|path| path.with_extension("jsonl"));
+    let mut lines = lines.as_deref().map(TextFile::create).transpose()?;
     let mut watch = plan.map(|plan| plan.watch(clip, index));
+    let mut tracks = args.split.watch(clip)?;
+    let detector = &args.detector;
     let mut each = |number, frame: &Frame, detections: &Detections| {
         let time_ms = delivered.get().elapsed().as_secs_f64() * 1e3;
         result.times_ms.push(time_ms);
@@ -305,16 +334,23 @@ fn run_clip(
         if let Some(watch) = &mut watch {
             watch.frame(number, frame, &result.found[first..], time_ms);
         }
-        match &mut file {
-            Some(file) => file.write(&detections::mot_lines(number, detections)),
-            None => Ok(()),
+        if let Some(tracks) = &mut tracks {
+            tracks.frame(number, frame.time_us, &detections.list, &detections.motion);
         }
+        if let Some(file) = &mut file {
+            file.write(&detections::mot_lines(number, detections))?;
+        }
+        if let Some(lines) = &mut lines {
+            lines.write(&detections::json_line(number, frame.time_us, detections, None))?;
+        }
+        Ok(())
     };
     match model {
         Some(model) => pipeline::run(&input, &mut source, model, detector, &mut each)?,
         None => pipeline::run_difference(&input, &mut source, detector.threshold, &mut each)?,
     };
     result.seen = watch.map(report::Watch::finish);
+    result.tracks = tracks.map(ClipWatch::finish);
     Ok(result)
 }
 
@@ -342,10 +378,17 @@ fn reports(clips: &[Clip], results: &[ClipResult]) -> [Report; IOUS.len()] {
     })
 }
 
+/// The figures of the tracks, if these were asked for.
+fn figures(results: &[ClipResult]) -> Option<Figures> {
+    let clips = results.iter().map(|result| result.tracks.clone()).collect::<Option<Vec<_>>>();
+    clips.map(|clips| Figures::new(&clips))
+}
+
 fn print(
     method: Option<&str>,
     reports: &[Report],
     scan: Option<ScanFigures>,
+    tracks: Option<Figures>,
     json: bool,
 ) -> Result<(), Error> {
     if json {
@@ -356,8 +399,10 @@ fn print(
             reports: &'a [Report],
             #[serde(skip_serializing_if = "Option::is_none")]
             scan: Option<ScanFigures>,
+            #[serde(skip_serializing_if = "Option::is_none")]
+            tracks: Option<Figures>,
         }
-        let all = All { method, reports, scan };
+        let all = All { method, reports, scan, tracks };
         return print_line(
             &serde_json::to_string(&all).expect("numbers and names always make JSON"),
         );
@@ -377,6 +422,9 @@ fn print(
             scan.share_registered,
             scan.scan_recall
         ))?;
+    }
+    if let Some(tracks) = tracks {
+        print_line(&format!("\n{tracks}"))?;
     }
     Ok(())
 }

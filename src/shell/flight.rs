@@ -1,9 +1,11 @@
 //! The flight that a verb works on: the user's input, or one simulated in memory.
 
+use super::camera::CameraFile;
 use super::error::Error;
-use super::simulate::SimulateSettings;
+use super::simulate::{SimulateSettings, Simulator, Telemetry};
 use super::source::{self, FrameSource, Simulated};
 use std::boxed::Box;
+use std::path::Path;
 use std::string::String;
 
 /// The simulated flight, where there is no input.
@@ -24,6 +26,22 @@ impl FlightArgs {
             Some(input) => Ok(source::open(input)?),
             None => Ok(Box::new(Simulated::new(&self.settings))),
         }
+    }
+
+    /// What is known of the camera beforehand: that of the simulated flight, or `camera.json` beside the input.
+    ///
+    /// # Errors
+    /// As [`CameraFile::beside`].
+    pub fn camera(&self, input: Option<&str>) -> Result<Option<CameraFile>, Error> {
+        match input {
+            Some(input) => CameraFile::beside(Path::new(input)),
+            None => Ok(Some(Simulator::new(&self.settings).camera())),
+        }
+    }
+
+    /// The telemetry of the simulated flight.
+    pub fn telemetry(&self, input: Option<&str>) -> Option<Telemetry> {
+        input.is_none().then(|| Telemetry::of(&self.settings))
     }
 
     /// What errors call it.

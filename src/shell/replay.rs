@@ -1,18 +1,26 @@
 //! `lookout replay`: a recorded or simulated flight through the detector.
 
 use super::annotate::Picture;
+use super::camera::{CameraArgs, CameraFile};
 use super::detections::{self, SCORE_BITS, TextFile};
 use super::digest::Digest;
 use super::error::{Error, STDOUT};
 use super::flight::FlightArgs;
 use super::interrupt::{self, Ended};
+use super::onboard::Onboard;
 use super::pictures::Pictures;
 use super::pipeline::{self, DetectorArgs, ModelFile};
 use super::source::Frame;
+use super::telemetry::{LATENCY_US, Telemetry, TelemetryArgs};
+use super::traffic;
 use crate::calibration::ONE;
+use crate::component::parameters::Parameters;
 use crate::detector::{Detection, Detections};
 use crate::model::Model;
+use crate::traffic::Level;
+use crate::watch::Settings;
 use indicatif::{ProgressBar, ProgressStyle};
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::string::String;
@@ -38,7 +46,7 @@ pub struct ReplayArgs {
     /// Write detections in MOTChallenge form: frame,-1,left,top,width,height,score
     #[arg(long, value_name = "FILE")]
     detections: Option<PathBuf>,
-    /// Write a line of JSON a frame
+    /// Write a line of JSON a frame: detections, motion of the background, tracks
     #[arg(long, value_name = "FILE")]
     jsonl: Option<PathBuf>,
     /// Draw boxes, scores and motion: PNG pictures in a folder, or a video through ffmpeg
@@ -50,6 +58,10 @@ pub struct ReplayArgs {
     /// Threads to use; 1: none beside the main one, 0: one a processor core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
+    #[command(flatten)]
+    telemetry: TelemetryArgs,
+    #[command(flatten)]
+    camera: CameraArgs,
     #[command(flatten)]
     flight: FlightArgs,
 }
@@ -64,9 +76,11 @@ pub fn run(args: &ReplayArgs) -> Result<Ended, Error> {
     let mut args = args.clone();
     let asked = args.detector.least_score(&model)?;
     args.detector.min_precision = None;
-    args.detector.threshold = Some(asked.unwrap_or_else(|| default_threshold(&model)));
+    let threshold = asked.unwrap_or_else(|| default_threshold(&model));
+    // A track goes on with weaker detections than are reported.
+    args.detector.threshold = Some(threshold.min(Settings::default().track.keep_score));
     interrupt::watch()?;
-    pipeline::on_threads(args.threads, || replay(&args, &model))?
+    pipeline::on_threads(args.threads, || replay(&args, threshold, &model))?
 }
 
 /// A person looks at what replay reports: few of them are to be false.
@@ -76,10 +90,11 @@ fn default_threshold(model: &Model<'_>) -> i32 {
     table.threshold(PRECISION).or_else(surest).unwrap_or(THRESHOLD)
 }
 
-fn replay(args: &ReplayArgs, model: &Model<'_>) -> Result<Ended, Error> {
+fn replay(args: &ReplayArgs, threshold: i32, model: &Model<'_>) -> Result<Ended, Error> {
     let input = args.input.as_deref();
+    let own = args.flight.camera(input)?;
     let mut source = args.flight.open(input)?;
-    let mut outputs = Outputs::create(args)?;
+    let mut outputs = Outputs::create(args, threshold, own)?;
     let bar = progress(source.frame_count());
     let mut each = |number, frame: &Frame, detections: &Detections| {
         bar.inc(1);
@@ -111,6 +126,11 @@ fn progress(frames: Option<u64>) -> ProgressBar {
 
 /// Everything the user asked for, fed frame by frame.
 struct Outputs {
+    threshold: i32,
+    camera: (CameraArgs, Option<CameraFile>),
+    telemetry: Telemetry,
+    onboard: Option<Onboard>,
+    levels: BTreeMap<u16, Level>,
     mot: Option<TextFile>,
     jsonl: Option<TextFile>,
     pictures: Option<Pictures>,
@@ -125,9 +145,15 @@ struct Outputs {
 }
 
 impl Outputs {
-    fn create(args: &ReplayArgs) -> Result<Self, Error> {
+    fn create(args: &ReplayArgs, threshold: i32, own: Option<CameraFile>) -> Result<Self, Error> {
+        let simulated = args.flight.telemetry(args.input.as_deref());
         let create = |path: &Option<PathBuf>| path.as_deref().map(TextFile::create).transpose();
         let outputs = Self {
+            threshold,
+            camera: (args.camera.clone(), own),
+            telemetry: Telemetry::open(&args.telemetry, simulated)?,
+            onboard: None,
+            levels: BTreeMap::new(),
             mot: create(&args.detections)?,
             jsonl: create(&args.jsonl)?,
             pictures: args.annotate.as_deref().map(Pictures::create).transpose()?,
@@ -142,22 +168,38 @@ impl Outputs {
         let asked = outputs.mot.is_some()
             || outputs.jsonl.is_some()
             || outputs.pictures.is_some()
-            || outputs.digest.is_some();
+            || outputs.digest.is_some()
+            || args.telemetry.speaks();
         Ok(Self { tell: !asked, ..outputs })
     }
 
     fn take(&mut self, number: u64, frame: &Frame, found: &Detections) -> Result<(), Error> {
         self.frames = number;
+        let onboard = match &mut self.onboard {
+            Some(onboard) => onboard,
+            none => {
+                let (args, own) = &self.camera;
+                let camera = args.camera(frame.width, frame.height, own.as_ref())?;
+                none.insert(Onboard::new(camera, Default::default(), Parameters::default(), 0))
+            }
+        };
+        let now_us = frame.time_us.saturating_add(LATENCY_US);
+        self.telemetry.advance(onboard, now_us)?;
+        let tracks = onboard.see(found, frame.time_us, now_us);
+        let mut found = found.clone();
+        found.list.retain(|detection| detection.score >= self.threshold);
+        let found = &found;
         self.found += found.list.len() as u64;
         self.dropped += u64::from(found.dropped);
         if let Some(mot) = &mut self.mot {
             mot.write(&detections::mot_lines(number, found))?;
         }
         if let Some(jsonl) = &mut self.jsonl {
-            jsonl.write(&detections::json_line(number, frame.time_us, found))?;
+            jsonl.write(&detections::json_line(number, frame.time_us, found, Some(&tracks)))?;
         }
         if let Some(pictures) = &mut self.pictures {
             self.picture.annotate(frame, found);
+            self.picture.tracks(&tracks);
             pictures.write(number, frame.time_us, &self.picture)?;
         }
         if let Some(digest) = &mut self.digest {
@@ -167,6 +209,15 @@ impl Outputs {
             for detection in &found.list {
                 print_line(&in_words(number, frame.time_us, detection))?;
             }
+            for track in &tracks {
+                let level = self.levels.entry(track.id).or_default();
+                if track.level > *level {
+                    let seconds = frame.time_us as f64 / 1e6;
+                    let words = traffic::in_words(track);
+                    print_line(&format!("frame {number}, {seconds:.3} s: {words}"))?;
+                }
+                *level = track.level;
+            }
         }
         Ok(())
     }
@@ -174,7 +225,9 @@ impl Outputs {
     /// Completes the files also after an error; the first error is told.
     fn finish(self, ended: Result<Ended, Error>) -> Result<Ended, Error> {
         let completed = self.pictures.map_or(Ok(()), Pictures::finish);
+        let logged = self.telemetry.finish();
         let ended = ended?;
+        logged?;
         completed?;
         let Self { frames, found, dropped, .. } = self;
         if let Some(digest) = self.digest.filter(|_| ended == Ended::Complete) {

@@ -11,11 +11,14 @@ mod noise;
 mod scene;
 mod settings;
 mod shapes;
+mod telemetry;
 mod write;
 
 pub use settings::{Kind, SimulateSettings};
+pub use telemetry::{START_US, Telemetry};
 pub use write::{SimulateArgs, SimulateError, run};
 
+use crate::shell::camera::CameraFile;
 use crate::shell::clips::TruthBox;
 use crate::shell::source::{Frame, frame_time_us};
 use attitude::Camera;
@@ -99,6 +102,21 @@ impl Simulator {
     /// Focal length, pixels.
     pub fn focal(&self) -> f64 {
         self.view.2
+    }
+
+    /// The camera; pixel centres are at whole numbers.
+    pub fn camera(&self) -> CameraFile {
+        let SimulateSettings { width, height, kind, .. } = self.settings;
+        let middle = |side: u32| f64::from(side) / 2.0 - 0.5;
+        CameraFile {
+            width,
+            height,
+            fx: self.focal(),
+            fy: self.focal(),
+            cx: middle(width),
+            cy: middle(height),
+            kind: Some(kind.name().into()),
+        }
     }
 
     /// Spans of the other aircraft, metres.

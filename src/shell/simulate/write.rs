@@ -1,7 +1,9 @@
 //! `lookout simulate`: a flight as files, in the form of the recorded ones.
 
-use super::{SimulateSettings, Simulator, Truth};
+use super::{START_US, SimulateSettings, Simulator, Telemetry, Truth};
+use crate::shell::camera::CameraFile;
 use crate::shell::source::Frame;
+use crate::shell::tlog;
 use image::ImageEncoder;
 use image::codecs::png::PngEncoder;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -12,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::string::String;
 use std::vec::Vec;
 
-/// Renders a flight: frames/, gt.txt, truth.csv and camera.json in the form of the recorded ones
+/// Renders a flight: frames/, gt.txt, truth.csv, camera.json as in the recorded ones, and flight.tlog, the vehicle's telemetry
 #[derive(Debug, Clone, clap::Args)]
 pub struct SimulateArgs {
     /// New or empty folder for the flight
@@ -43,17 +45,12 @@ pub enum SimulateError {
     },
 }
 
-/// What `camera.json` says; pixel centres are at whole numbers there.
+/// What `camera.json` says.
 #[derive(serde::Serialize)]
-struct CameraFile {
-    width: u32,
-    height: u32,
+struct FlightFile {
+    #[serde(flatten)]
+    camera: CameraFile,
     fps: u32,
-    fx: f64,
-    fy: f64,
-    cx: f64,
-    cy: f64,
-    kind: &'static str,
     spans_m: Vec<f64>,
 }
 
@@ -77,6 +74,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), SimulateError> {
         "frame,time_s,yaw_rad,pitch_rad,roll_rad,id,azimuth_rad,elevation_rad,range_m,time_to_contact_s\n",
     )?;
     let progress = progress_bar(args.settings.frames());
+    write(&args.out.join("flight.tlog"), &telemetry(&args.settings))?;
     let mut frame = Frame::default();
     for index in 0..args.settings.frames() {
         let truth = simulator.render(index, &mut frame);
@@ -125,19 +123,23 @@ fn png(frame: &Frame) -> io::Result<Vec<u8>> {
 }
 
 fn camera_file(simulator: &Simulator) -> String {
-    let settings = simulator.settings();
-    let file = CameraFile {
-        width: settings.width,
-        height: settings.height,
-        fps: settings.fps,
-        fx: simulator.focal(),
-        fy: simulator.focal(),
-        cx: f64::from(settings.width) / 2.0 - 0.5,
-        cy: f64::from(settings.height) / 2.0 - 0.5,
-        kind: settings.kind.name(),
+    let file = FlightFile {
+        camera: simulator.camera(),
+        fps: simulator.settings().fps,
         spans_m: simulator.spans(),
     };
     serde_json::to_string(&file).expect("numbers and words always make JSON") + "\n"
+}
+
+/// The bytes of `flight.tlog`; its first message comes with the first frame.
+fn telemetry(settings: &SimulateSettings) -> Vec<u8> {
+    let mut log = Vec::new();
+    for (time_us, frame) in Telemetry::of(settings) {
+        let time_us = START_US.saturating_add(time_us);
+        tlog::write(&mut log, time_us, frame.raw_bytes())
+            .expect("memory takes every frame the simulator makes");
+    }
+    log
 }
 
 /// The line of `gt.txt`; empty when nothing is seen.

@@ -1,0 +1,318 @@
+//! From a point in the picture to a direction, and back (level 2).
+//!
+//! Pinhole with the distortion of OpenCV: radial k1, k2, k3, tangential p1, p2 ("Camera Calibration and 3D
+//! Reconstruction", OpenCV's manual, module calib3d). OpenCV puts the centre of a pixel at whole numbers; points of this
+//! crate's pictures are half a pixel further (see [`crate::image`]), which is taken care of here.
+
+use crate::angle::{self, ONE, Real, Vector, ZERO, divide, ratio, sqrt, unit};
+use crate::geometry::Attitude;
+use fixed::types::I28F4;
+
+/// Rounds in which distortion is taken out; OpenCV uses 5.
+const ROUNDS: usize = 12;
+
+/// Points further than this from the axis are brought nearer, in focal lengths.
+const MAX_RATIO: Real = Real::lit("8");
+
+/// Error of the focal length that is assumed where only a field of view is known: one part in 20, as between what is
+/// printed on a lens and what a calibration finds.
+const ROUGH_SCALE: Real = ratio(1, 20);
+
+/// Error of the optical axis then, in parts of the picture's width.
+const ROUGH_CENTRE: Real = ratio(1, 50);
+
+/// Error of a calibrated camera: a pixel.
+const CALIBRATED: Real = ONE;
+
+/// Numbers of a camera, as OpenCV has them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Intrinsics {
+    /// Width of the picture in pixels.
+    pub width: u32,
+    /// Height of the picture in pixels.
+    pub height: u32,
+    /// Focal lengths along x and y in pixels.
+    pub focal: [Real; 2],
+    /// Where the optical axis meets the picture; the centre of the first pixel is (0, 0).
+    pub centre: [Real; 2],
+    /// k1, k2, p1, p2, k3.
+    pub distortion: [Real; 5],
+}
+
+/// Why numbers make no [`Camera`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CameraError {
+    /// The picture is not 1 to 65535 pixels wide and high.
+    Size,
+    /// A focal length is not between a sixteenth and 64 times the picture's longer side.
+    Focal,
+    /// The optical axis does not meet the picture or its surroundings of one picture each way.
+    Centre,
+    /// A distortion coefficient is above 1000 in magnitude.
+    Distortion,
+    /// The field of view is not between 1 and 170 degrees.
+    FieldOfView,
+}
+
+impl core::fmt::Display for CameraError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Size => "the picture's width and height must be 1 to 65535 pixels",
+            Self::Focal => {
+                "a focal length must be between 1/16 and 64 times the picture's longer side"
+            }
+            Self::Centre => "the optical axis must meet the picture or its near surroundings",
+            Self::Distortion => "a distortion coefficient must be between -1000 and 1000",
+            Self::FieldOfView => "the field of view must be between 1 and 170 degrees",
+        })
+    }
+}
+
+impl core::error::Error for CameraError {}
+
+/// A camera on a vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Camera {
+    intrinsics: Intrinsics,
+    mounting: Attitude,
+    /// Relative error of the focal length.
+    scale_error: Real,
+    /// Error of the optical axis in pixels.
+    centre_error: Real,
+}
+
+impl Camera {
+    /// A calibrated camera that looks forward.
+    ///
+    /// # Errors
+    /// [`CameraError`] when a number is out of its range.
+    pub fn new(intrinsics: Intrinsics) -> Result<Self, CameraError> {
+        let Intrinsics { width, height, focal, centre, distortion } = intrinsics;
+        let sides = [width, height];
+        if sides.iter().any(|side| !(1..=65535).contains(side)) {
+            return Err(CameraError::Size);
+        }
+        let longer = Real::from_num(width.max(height));
+        if focal.iter().any(|f| *f < longer / 16 || *f > longer * 64) {
+            return Err(CameraError::Focal);
+        }
+        for (c, side) in centre.into_iter().zip(sides.map(Real::from_num)) {
+            if c < -side || c > side * 2 {
+                return Err(CameraError::Centre);
+            }
+        }
+        if distortion.iter().any(|k| k.saturating_abs() > 1000) {
+            return Err(CameraError::Distortion);
+        }
+        Ok(Self {
+            intrinsics,
+            mounting: Attitude::FORWARD,
+            scale_error: ZERO,
+            centre_error: CALIBRATED,
+        })
+    }
+
+    /// A camera of which only the horizontal field of view is known, in radians; its stated error is that of such a guess.
+    ///
+    /// # Errors
+    /// [`CameraError::Size`], [`CameraError::FieldOfView`].
+    pub fn from_field_of_view(width: u32, height: u32, view: Real) -> Result<Self, CameraError> {
+        if view < angle::PI / 180 || view > angle::PI * 17 / 18 {
+            return Err(CameraError::FieldOfView);
+        }
+        let (sine, cosine) = angle::sin_cos(view / 2);
+        let half = Real::from_num(width.min(1 << 20)) / 2;
+        let focal = divide(half * cosine, sine);
+        let camera = Self::new(Intrinsics {
+            width,
+            height,
+            focal: [focal; 2],
+            centre: [width, height].map(|side| Real::from_num(side.min(1 << 20)) / 2 - ONE / 2),
+            distortion: [ZERO; 5],
+        })?;
+        let centre_error = ROUGH_CENTRE * Real::from_num(width);
+        Ok(Self { scale_error: ROUGH_SCALE, centre_error, ..camera })
+    }
+
+    /// The camera turned: `mounting` leads from the camera's axes to the body's. [`Attitude::FORWARD`] before.
+    pub const fn mounted(self, mounting: Attitude) -> Self {
+        Self { mounting, ..self }
+    }
+
+    /// Its numbers.
+    pub const fn intrinsics(&self) -> &Intrinsics {
+        &self.intrinsics
+    }
+
+    /// From the camera's axes to the body's.
+    pub const fn mounting(&self) -> Attitude {
+        self.mounting
+    }
+
+    /// Relative error of angles far from the axis, and of turns measured in the picture.
+    pub const fn scale_error(&self) -> Real {
+        self.scale_error
+    }
+
+    /// The angle of a pixel in the middle of the picture, in radians.
+    pub fn pixel(&self) -> Real {
+        ONE / self.intrinsics.focal[0]
+    }
+
+    /// Unit vector of the point (x, y) of the picture, in the camera's axes.
+    pub fn direction(&self, x: I28F4, y: I28F4) -> Vector {
+        let Intrinsics { focal, centre, .. } = &self.intrinsics;
+        let half = ONE / 2;
+        let distorted: [Real; 2] = core::array::from_fn(|i| {
+            let v = Real::from_num([x, y][i]);
+            (divide(v - half - centre[i], focal[i])).clamp(-MAX_RATIO, MAX_RATIO)
+        });
+        let [x, y] = self.undistort(distorted);
+        unit([x, y, ONE])
+    }
+
+    /// Unit vector of the point (x, y) of the picture, in the body's axes.
+    pub fn body(&self, x: I28F4, y: I28F4) -> Vector {
+        self.mounting.rotate(self.direction(x, y))
+    }
+
+    /// The point of the picture in which a direction in the body's axes is seen; it may lie outside of the picture.
+    /// `None` behind the camera and far to its side.
+    pub fn project(&self, body: Vector) -> Option<(I28F4, I28F4)> {
+        let [x, y, z] = self.mounting.inverse().rotate(unit(body));
+        if z < ratio(1, 10) {
+            return None;
+        }
+        let [x, y] = self.distort([x / z, y / z].map(|v| v.clamp(-MAX_RATIO, MAX_RATIO)));
+        let place = |i: usize, v: Real| {
+            let limit = Real::from_num(1 << 20);
+            let v = v.clamp(-MAX_RATIO, MAX_RATIO) * self.intrinsics.focal[i];
+            I28F4::saturating_from_num(
+                (v + self.intrinsics.centre[i] + ONE / 2).clamp(-limit, limit),
+            )
+        };
+        Some((place(0, x), place(1, y)))
+    }
+
+    /// One standard deviation of a direction at `camera` (a unit vector in the camera's axes), in radians.
+    pub fn sigma(&self, camera: Vector) -> Real {
+        let cosine = camera[2].clamp(ZERO, ONE);
+        let sine = sqrt(ONE - cosine * cosine);
+        let scale = self.scale_error * sine * cosine;
+        let centre = self.centre_error * self.pixel();
+        sqrt(scale * scale + centre * centre)
+    }
+
+    /// Distorts a point in focal lengths from the axis, at most [`MAX_RATIO`].
+    fn distort(&self, [x, y]: [Real; 2]) -> [Real; 2] {
+        let (radial, [dx, dy]) = self.terms([x, y]);
+        [x.saturating_mul(radial).saturating_add(dx), y.saturating_mul(radial).saturating_add(dy)]
+    }
+
+    /// The radial factor and the tangential shift at an undistorted point.
+    fn terms(&self, [x, y]: [Real; 2]) -> (Real, [Real; 2]) {
+        let [k1, k2, p1, p2, k3] = self.intrinsics.distortion;
+        let r2 = x * x + y * y;
+        let radial = [k3, k2, k1]
+            .into_iter()
+            .fold(ZERO, |sum, k| sum.saturating_add(k).saturating_mul(r2))
+            .saturating_add(ONE);
+        let dx = p1 * x * y * 2 + p2 * (r2 + x * x * 2);
+        let dy = p1 * (r2 + y * y * 2) + p2 * x * y * 2;
+        (radial, [dx, dy])
+    }
+
+    /// Takes the distortion out by fixed-point iteration, as OpenCV does.
+    fn undistort(&self, distorted: [Real; 2]) -> [Real; 2] {
+        if self.intrinsics.distortion == [ZERO; 5] {
+            return distorted;
+        }
+        let mut point = distorted;
+        for _ in 0..ROUNDS {
+            let (radial, shift) = self.terms(point);
+            // Beyond where the polynomial means anything: the last point is as good.
+            if radial < ratio(1, 10) {
+                break;
+            }
+            point = core::array::from_fn(|i| {
+                divide(distorted[i].saturating_sub(shift[i]), radial).clamp(-MAX_RATIO, MAX_RATIO)
+            });
+        }
+        point
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn camera(distortion: [f64; 5]) -> Camera {
+        Camera::new(Intrinsics {
+            width: 640,
+            height: 480,
+            focal: [560.0, 570.0].map(Real::from_num),
+            centre: [310.5, 245.0].map(Real::from_num),
+            distortion: distortion.map(Real::from_num),
+        })
+        .unwrap()
+    }
+
+    fn sixteenths(v: f64) -> I28F4 {
+        I28F4::from_num(v)
+    }
+
+    proptest! {
+        #[test]
+        fn agrees_with_opencv_model_in_f64(x in -0.55..0.55f64, y in -0.4..0.4f64, k in (-0.3..0.2f64, -0.1..0.1f64, -0.003..0.003f64, -0.003..0.003f64, -0.05..0.05f64)) {
+            let (k1, k2, p1, p2, k3) = k;
+            let camera = camera([k1, k2, p1, p2, k3]);
+            let r2 = x * x + y * y;
+            let radial = 1.0 + k1 * r2 + k2 * r2 * r2 + k3 * r2 * r2 * r2;
+            let xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x);
+            let yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
+            let (u, v) = (xd * 560.0 + 310.5 + 0.5, yd * 570.0 + 245.0 + 0.5);
+            let got = camera.direction(sixteenths(u), sixteenths(v)).map(|v| v.to_num::<f64>());
+            let length = (r2 + 1.0).sqrt();
+            let error = (got[0] - x / length).hypot(got[1] - y / length);
+            prop_assert!(error < 4e-4, "{error}"); // a sixteenth of a pixel is 1e-4
+            // And back through the body's axes.
+            let body = camera.body(sixteenths(u), sixteenths(v));
+            let (pu, pv) = camera.project(body).unwrap();
+            prop_assert!((pu.to_num::<f64>() - u).abs() < 0.2 && (pv.to_num::<f64>() - v).abs() < 0.2);
+        }
+
+        #[test]
+        fn no_numbers_panic(focal: [i64; 2], centre: [i64; 2], k: [i64; 5], x: i32, y: i32, v: [i32; 3], view: i64) {
+            let real = Real::from_bits;
+            let intrinsics = Intrinsics { width: 640, height: 480, focal: focal.map(real), centre: centre.map(real), distortion: k.map(real) };
+            let cameras = [Camera::new(intrinsics), Camera::new(Intrinsics {
+                focal: [real(focal[0].rem_euclid(1 << 47)) + Real::from_num(40), Real::from_num(300)],
+                centre: [Real::from_num(100); 2],
+                distortion: k.map(|k| real(k % (1 << 41))),
+                ..intrinsics
+            }), Camera::from_field_of_view(640, 480, real(view % (1 << 34)))];
+            for camera in cameras.into_iter().flatten() {
+                let direction = camera.direction(I28F4::from_bits(x), I28F4::from_bits(y));
+                prop_assert!(camera.sigma(direction) >= ZERO);
+                let _ = camera.project(v.map(|v| Real::from_bits(v.into())));
+            }
+        }
+    }
+
+    #[test]
+    fn a_field_of_view_states_a_larger_error() {
+        let rough = Camera::from_field_of_view(640, 480, angle::PI / 3).unwrap();
+        assert!((rough.intrinsics().focal[0].to_num::<f64>() - 554.256).abs() < 0.01);
+        let exact = camera([0.0; 5]);
+        let middle = [ZERO, ZERO, ONE];
+        let corner = rough.direction(sixteenths(0.0), sixteenths(0.0));
+        assert!(exact.sigma(middle) * 5 < rough.sigma(middle));
+        assert!(rough.sigma(middle) < rough.sigma(corner));
+        assert_eq!(
+            Camera::from_field_of_view(640, 480, ZERO).unwrap_err(),
+            CameraError::FieldOfView
+        );
+        assert!(rough.project([-ONE, ZERO, ZERO]).is_none());
+    }
+}

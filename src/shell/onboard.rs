@@ -1,0 +1,113 @@
+//! The lookout behind its detector: tracks, threat and MAVLink component on one clock, that of the frames.
+//!
+//! Without I/O: a recorded flight and a live one run the same code.
+
+use crate::angle::Real;
+use crate::attitudes::Attitudes;
+use crate::camera::Camera;
+use crate::component::parameters::{Parameter, Parameters};
+use crate::component::{Component, Config, Event, Outgoing, Trust};
+use crate::detector::Detections;
+use crate::geometry::Attitude;
+use crate::message::Health;
+use crate::traffic::{MAX_TRAFFIC, Traffic};
+use crate::watch::{Settings, Watch};
+use mavlink::MAVLinkMessageRaw;
+
+/// Bits after the point of a quaternion's numbers.
+const QUATERNION_BITS: u32 = 30;
+
+/// Watches one camera's detections and speaks MAVLink about them.
+#[derive(Debug)]
+pub struct Onboard {
+    watch: Watch,
+    attitudes: Attitudes,
+    component: Component,
+    health: Health,
+}
+
+impl Onboard {
+    /// Has heard and seen nothing yet.
+    pub fn new(camera: Camera, config: Config, parameters: Parameters, now_us: i64) -> Self {
+        Self {
+            watch: Watch::new(settings(&parameters), camera),
+            attitudes: Attitudes::new(),
+            component: Component::new(config, parameters, now_us),
+            health: Health::default(),
+        }
+    }
+
+    /// Hears a frame that came over `link` at `now_us`.
+    pub fn hear(&mut self, link: u8, frame: &MAVLinkMessageRaw, trust: Trust, now_us: i64) {
+        self.component.receive(link, frame, trust, now_us);
+        self.heed();
+    }
+
+    /// Takes what the detector found in the frame taken at `time_us` and finished at `now_us`; gives the objects that are
+    /// followed.
+    pub fn see(
+        &mut self,
+        found: &Detections,
+        time_us: i64,
+        now_us: i64,
+    ) -> heapless::Vec<Traffic, MAX_TRAFFIC> {
+        let traffic = self.watch.update(&found.list, time_us, &found.motion, &self.attitudes);
+        self.health.frames = self.health.frames.wrapping_add(1);
+        let latency = now_us.saturating_sub(time_us).max(0);
+        self.health.latency_us = u32::try_from(latency).unwrap_or(u32::MAX);
+        self.component.observe(&traffic, self.health, time_us, now_us);
+        traffic
+    }
+
+    /// The next message to send; to be called until there is none, every 20 ms or so.
+    pub fn poll(&mut self, now_us: i64) -> Option<Outgoing> {
+        let message = self.component.poll(now_us);
+        self.heed();
+        message
+    }
+
+    /// The component, to look at.
+    pub fn component(&self) -> &Component {
+        &self.component
+    }
+
+    fn heed(&mut self) {
+        while let Some(event) = self.component.event() {
+            match event {
+                Event::Attitude { time_us, quaternion } => {
+                    let real =
+                        |bits: i32| Real::from_bits(i64::from(bits) << (32 - QUATERNION_BITS));
+                    if let Some(attitude) = Attitude::new(quaternion.map(real)) {
+                        self.attitudes.push(time_us, attitude);
+                    }
+                }
+                Event::Restarted | Event::Lost => self.attitudes.clear(),
+                Event::Parameter(_) => self.watch.set(settings(self.component.parameters())),
+                Event::Found { system_id, autopilot } => {
+                    tracing::info!(system_id, autopilot, "autopilot found");
+                }
+            }
+        }
+    }
+}
+
+/// How tracks are made and judged under these parameters.
+fn settings(parameters: &Parameters) -> Settings {
+    let real = |parameter| Real::from(parameters.get(parameter));
+    let mut settings = Settings::default();
+    settings.track.start_score = parameters.get(Parameter::Threshold).to_bits();
+    settings.threat.wingspan = real(Parameter::Wingspan);
+    settings.threat.caution_time = real(Parameter::CautionTime);
+    settings.threat.warning_time = real(Parameter::WarningTime);
+    settings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_parameters_defaults_are_those_of_the_tracker() {
+        assert_eq!(settings(&Parameters::default()), Settings::default());
+    }
+}

@@ -1,0 +1,207 @@
+//! The vehicle's telemetry along with a replayed flight, and what the component says to it.
+//!
+//! Everything runs on the clock of the frames: 0 is the first frame. A frame counts as finished a fixed time after it was
+//! taken, so that the same flight gives the same messages however fast the machine is.
+
+use super::error::Error;
+use super::link::signing::{self, Signing};
+use super::link::{LinkSpec, Links};
+use super::onboard::Onboard;
+use super::simulate;
+use super::tlog::{self, Reader, TlogError};
+use crate::component::{Outgoing, Trust};
+use mavlink::MAVLinkMessageRaw;
+use std::boxed::Box;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::iter::{self, Peekable};
+use std::path::{Path, PathBuf};
+use std::string::String;
+use std::time::{Duration, Instant, SystemTime};
+use std::vec::Vec;
+
+/// Time from a frame to its detections that a replay assumes, microseconds.
+pub const LATENCY_US: i64 = 40_000;
+/// Microseconds from one look for messages to be sent to the next.
+const TICK_US: i64 = 20_000;
+/// How much telemetry before the first frame is heard, microseconds: heartbeats come once a second.
+const BEFORE_US: i64 = 10_000_000;
+/// The link that recorded telemetry comes over; no open link has this number.
+const RECORDED: u8 = u8::MAX;
+
+/// Telemetry of a replay.
+#[derive(Debug, Clone, clap::Args)]
+#[command(next_help_heading = "MAVLink")]
+pub struct TelemetryArgs {
+    /// The vehicle's telemetry during the flight; a simulated flight has its own
+    #[arg(long, value_name = "FILE")]
+    tlog_in: Option<PathBuf>,
+    /// When the first frame was taken, in seconds after the first message of --tlog-in
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_negative_numbers = true, requires = "tlog_in", value_parser = parse_start)]
+    tlog_start: f64,
+    /// Write every message the lookout sends, for MAVExplorer and other readers of telemetry logs
+    #[arg(long, value_name = "FILE")]
+    tlog_out: Option<PathBuf>,
+    /// Send over this link too, in real time: udpout:HOST:PORT, udpin:.., tcpout:.., tcpin:.. or serial:DEVICE:BAUD; may be repeated
+    #[arg(long, value_name = "SPEC")]
+    link: Vec<LinkSpec>,
+    /// Key for signatures on these links, 64 hexadecimal digits; unsigned commands are then refused. The signing time is kept in FILE.time
+    #[arg(long, value_name = "FILE", requires = "link")]
+    signing_key: Option<PathBuf>,
+}
+
+impl TelemetryArgs {
+    /// Whether anything is to be written or sent.
+    pub fn speaks(&self) -> bool {
+        self.tlog_out.is_some() || !self.link.is_empty()
+    }
+}
+
+fn parse_start(text: &str) -> Result<f64, &'static str> {
+    let seconds = text.parse().ok().filter(|seconds: &f64| seconds.abs() <= 1e6);
+    seconds.ok_or("expected a number of seconds")
+}
+
+/// Signatures with the key in `path`.
+fn signing_with(path: &Path) -> Result<Signing, Error> {
+    let key = signing::read_key(path).map_err(Error::read(path))?;
+    let mut time = path.to_path_buf().into_os_string();
+    time.push(".time");
+    let time = Path::new(&time);
+    Signing::new(key, Some(time), signing::clock()).map_err(Error::read(time))
+}
+
+type Feed = Box<dyn Iterator<Item = Result<(i64, MAVLinkMessageRaw), TlogError>>>;
+
+/// The telemetry of one replay.
+pub struct Telemetry {
+    feed: Peekable<Feed>,
+    /// Time of the first frame, microseconds since 1970.
+    first_us: i64,
+    log: Option<(PathBuf, BufWriter<File>)>,
+    links: Option<Links>,
+    sequences: BTreeMap<u8, u8>,
+    now_us: i64,
+    started: Option<Instant>,
+}
+
+impl Telemetry {
+    /// Opens what `args` name; `simulated` is the telemetry of a simulated flight.
+    ///
+    /// # Errors
+    /// [`Error::Tlog`], [`Error::Write`].
+    pub fn open(
+        args: &TelemetryArgs,
+        simulated: Option<simulate::Telemetry>,
+    ) -> Result<Self, Error> {
+        let (first_us, feed): (i64, Feed) = match (&args.tlog_in, simulated) {
+            (Some(path), _) => {
+                let mut reader = Reader::open(path)?;
+                let first = reader.next_record()?;
+                let start_us = (args.tlog_start * 1e6).round() as i64;
+                let first_us = first.as_ref().map_or(0, |record| record.time_us) + start_us;
+                let records = first.into_iter().map(Ok).chain(reader);
+                let relative = move |record: Result<tlog::Record, TlogError>| {
+                    record.map(|record| (record.time_us - first_us, record.raw()))
+                };
+                (first_us, Box::new(records.map(relative)))
+            }
+            (None, Some(simulated)) => {
+                let frames = simulated.map(|(time, raw)| Ok((time, MAVLinkMessageRaw::V2(raw))));
+                (simulate::START_US, Box::new(frames))
+            }
+            (None, None) => {
+                let now = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default();
+                (i64::try_from(now.as_micros()).unwrap_or(0), Box::new(iter::empty()))
+            }
+        };
+        let create = |path: &PathBuf| {
+            let file = File::create(path).map_err(Error::write(path))?;
+            Ok::<_, Error>((path.clone(), BufWriter::new(file)))
+        };
+        let signing = args.signing_key.as_deref().map(signing_with).transpose()?;
+        Ok(Self {
+            feed: feed.peekable(),
+            first_us,
+            log: args.tlog_out.as_ref().map(create).transpose()?,
+            links: (!args.link.is_empty()).then(|| Links::open_signed(&args.link, signing)),
+            sequences: BTreeMap::new(),
+            now_us: 0,
+            started: None,
+        })
+    }
+
+    /// Lets time go on to `to_us`, with all that is heard and said until then.
+    ///
+    /// # Errors
+    /// [`Error::Tlog`], [`Error::Write`].
+    pub fn advance(&mut self, onboard: &mut Onboard, to_us: i64) -> Result<(), Error> {
+        while self.now_us < to_us {
+            self.now_us = (self.now_us + TICK_US).min(to_us);
+            self.hear(onboard)?;
+            self.wait(onboard);
+            while let Some(message) = onboard.poll(self.now_us) {
+                self.say(&message)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Recorded telemetry up to now.
+    fn hear(&mut self, onboard: &mut Onboard) -> Result<(), Error> {
+        let now_us = self.now_us;
+        let due =
+            |item: &Result<(i64, _), _>| item.as_ref().map_or(true, |(time, _)| *time <= now_us);
+        while let Some(item) = self.feed.next_if(due) {
+            let (time_us, frame) = item?;
+            if time_us >= -BEFORE_US {
+                onboard.hear(RECORDED, &frame, Trust::Open, time_us);
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits, with links, until it is really as late as the flight is; hears what comes meanwhile.
+    fn wait(&mut self, onboard: &mut Onboard) {
+        let Some(links) = &mut self.links else { return };
+        let started = *self.started.get_or_insert_with(Instant::now);
+        let due = Duration::from_micros(self.now_us.unsigned_abs());
+        loop {
+            let left = due.saturating_sub(started.elapsed());
+            match links.receive(left) {
+                Some(inbound) => {
+                    onboard.hear(inbound.link, &inbound.frame, inbound.trust, self.now_us)
+                }
+                None if left.is_zero() => return,
+                None => {}
+            }
+        }
+    }
+
+    fn say(&mut self, message: &Outgoing) -> Result<(), Error> {
+        if let Some(links) = &mut self.links {
+            links.send(message, self.now_us);
+        }
+        if let Some((path, log)) = &mut self.log {
+            let sequence = self.sequences.entry(message.component_id).or_default();
+            let (system, component) = (message.system_id, message.component_id);
+            let frame = message.payload.frame(system, component, *sequence, false);
+            *sequence = sequence.wrapping_add(1);
+            let time_us = self.first_us.saturating_add(self.now_us);
+            tlog::write(log, time_us, frame.raw_bytes()).map_err(Error::write(path))?;
+        }
+        Ok(())
+    }
+
+    /// Completes the log.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn finish(mut self) -> Result<(), Error> {
+        match &mut self.log {
+            Some((path, log)) => log.flush().map_err(Error::write(path)),
+            None => Ok(()),
+        }
+    }
+}

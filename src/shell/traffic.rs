@@ -1,0 +1,92 @@
+//! Traffic as JSON and in words.
+
+use crate::traffic::{Direction, Estimate, Level, Traffic};
+use serde::Serialize;
+use std::string::String;
+use std::{format, vec::Vec};
+
+/// One object that is followed, as it stands in a line of JSON: radians, metres, seconds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrafficLine {
+    id: u16,
+    level: &'static str,
+    confirmed: bool,
+    coasting: bool,
+    /// Left, top, width, height in pixels.
+    r#box: [f64; 4],
+    /// Forward, right, down.
+    body: [f64; 3],
+    /// North, east, down.
+    ned: Option<[f64; 3]>,
+    direction_sigma: f64,
+    /// Value and standard deviation, here and below.
+    rate: [f64; 2],
+    range: Option<[f64; 2]>,
+    velocity: Option<[f64; 3]>,
+    time_to_contact: Option<[f64; 2]>,
+    closest: Option<[f64; 2]>,
+}
+
+impl From<&Traffic> for TrafficLine {
+    fn from(t: &Traffic) -> Self {
+        let pair = |e: Estimate| [e.value, e.sigma].map(|v| round(v.to_num(), 4));
+        let unit = |d: Direction| [d.x, d.y, d.z].map(|v| round(v.to_num(), 6));
+        let rect = t.rect;
+        Self {
+            id: t.id,
+            level: name(t.level),
+            confirmed: t.confirmed,
+            coasting: t.coasting,
+            r#box: [rect.x, rect.y, rect.width, rect.height].map(|v| v.to_num()),
+            body: unit(t.body),
+            ned: t.ned.map(unit),
+            direction_sigma: round(t.direction_sigma.to_num(), 5),
+            rate: pair(t.rate),
+            range: t.range.map(pair),
+            velocity: t.velocity.map(|v| v.map(|v| round(v.to_num(), 3))),
+            time_to_contact: t.time_to_contact.map(pair),
+            closest: t.closest.map(pair),
+        }
+    }
+}
+
+/// All of a frame.
+pub fn lines(traffic: &[Traffic]) -> Vec<TrafficLine> {
+    traffic.iter().map(TrafficLine::from).collect()
+}
+
+/// The word for a level.
+pub fn name(level: Level) -> &'static str {
+    match level {
+        Level::None => "none",
+        Level::Traffic => "traffic",
+        Level::Caution => "caution",
+        Level::Warning => "warning",
+    }
+}
+
+/// `track 3 rises to warning: 2.1 right, 0.4 up, contact in 4.5 s (+-0.8), range about 21 m (+-15)`.
+pub fn in_words(t: &Traffic) -> String {
+    let degrees = |v: crate::angle::Real| v.to_num::<f64>().to_degrees();
+    let (right, up) = (degrees(t.body.azimuth()), degrees(t.body.elevation()));
+    let estimate = |e: Estimate, digits: usize| {
+        let [value, sigma] = [e.value, e.sigma].map(|v| v.to_num::<f64>());
+        format!("{value:.digits$} (+-{sigma:.digits$})")
+    };
+    let contact = t.time_to_contact.map_or("contact not foreseen".into(), |time| {
+        format!("contact in {} s", estimate(time, 1))
+    });
+    let range = t.range.map_or(String::new(), |range| {
+        format!(", range about {} m if its span is as assumed", estimate(range, 0))
+    });
+    format!(
+        "track {} is {}: {right:.1} degrees right, {up:.1} up, {contact}{range}",
+        t.id,
+        name(t.level)
+    )
+}
+
+fn round(value: f64, digits: i32) -> f64 {
+    let scale = 10f64.powi(digits);
+    (value * scale).round() / scale
+}

@@ -1,0 +1,559 @@
+//! Which detections are of one object, and how it moves (level 3).
+//!
+//! A track is a direction in a frame of reference that does not turn with the camera, its rate, the logarithm of the
+//! object's angular size and the growth of that. The growth g is the inverse of the time to contact: at a constant
+//! closing speed it rises by g² a second, which the filter foretells, so that a long memory does not lag. Both pairs are
+//! Kalman filters with a random acceleration (Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and
+//! Navigation", 2001, section 6.2.2). Detections go to the nearest track within its gate, the nearest pair first, tracks
+//! that are confirmed before others; what is left starts tracks.
+
+use crate::angle::{
+    ONE, Real, Vector, ZERO, across, add, divide, exp, ln, norm, ratio, sqrt, unit,
+};
+use crate::camera::Camera;
+use crate::detection::{Detection, SHIFTS};
+use crate::geometry::Attitude;
+use crate::image::Rect;
+use crate::traffic::MAX_TRAFFIC;
+use fixed::types::I28F4;
+
+/// Variances are of thousandths (milliradians, or thousandths of the size), to keep their bits.
+const MILLI: Real = Real::lit("1000");
+
+/// Largest variance of a value and of a rate, in thousandths squared.
+const MAX_VARIANCE: Real = Real::lit("100000000");
+
+/// Most detections of a frame that are looked at.
+const MAX_SIGHTS: usize = 64;
+
+/// Largest distance of a detection from its track, in standard deviations squared: four of two values, three of the size.
+const GATE: [Real; 2] = [Real::lit("16"), Real::lit("9")];
+
+/// Fastest that anything may turn about the camera, in radians a second.
+const MAX_RATE: Real = Real::lit("10");
+
+/// Fastest growth: a quarter of a second to contact.
+const MAX_GROWTH: Real = Real::lit("4");
+
+/// Growth of a new track: within what a contact in 3 s gives.
+const FIRST_GROWTH: Real = Real::lit("300");
+
+/// Rate of a new track without shifts, in thousandths.
+const FIRST_RATE: Real = Real::lit("300");
+
+/// How tracks are made and kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Settings {
+    /// Detections (M) of the last [`Settings::confirm_window`] frames from which on a track is confirmed; 1 to 32.
+    pub confirm_hits: u8,
+    /// Frames (N) that count for it; `confirm_hits` to 32.
+    pub confirm_window: u8,
+    /// Time without a detection after which a confirmed track ends, in microseconds; 0 to 10 s.
+    pub coast_us: i64,
+    /// Least score of a detection that starts a track, Q16 log-odds.
+    pub start_score: i32,
+    /// Least score of a detection that continues a track, Q16 log-odds.
+    pub keep_score: i32,
+    /// Random acceleration of directions, in radians a second after a second; 0.001 to 10.
+    pub agility: Real,
+    /// Random change of the growth, per second after a second; 0.001 to 10.
+    pub growth_agility: Real,
+    /// Error of a detection's place in parts of its size; 0 to 1. A pixel comes to it.
+    pub place_error: Real,
+    /// Error of the logarithm of a detection's size; 0 to 1. A pixel comes to it. Larger than from frame to frame, for
+    /// errors of neighbouring frames are alike.
+    pub size_error: Real,
+}
+
+impl Default for Settings {
+    /// Values measured on `airborne/train`.
+    fn default() -> Self {
+        Self {
+            confirm_hits: 5,
+            confirm_window: 8,
+            coast_us: 700_000,
+            start_score: 0,
+            keep_score: -2 << 16,
+            agility: ratio(5, 100),
+            growth_agility: ratio(5, 100),
+            place_error: ratio(8, 100),
+            size_error: ratio(15, 100),
+        }
+    }
+}
+
+impl Settings {
+    /// Every value within its range.
+    fn limited(self) -> Self {
+        let window = self.confirm_window.clamp(1, 32);
+        Self {
+            confirm_window: window,
+            confirm_hits: self.confirm_hits.clamp(1, window),
+            coast_us: self.coast_us.clamp(0, 10_000_000),
+            agility: self.agility.clamp(ratio(1, 1000), Real::from_num(10)),
+            growth_agility: self.growth_agility.clamp(ratio(1, 1000), Real::from_num(10)),
+            place_error: self.place_error.clamp(ZERO, ONE),
+            size_error: self.size_error.clamp(ZERO, ONE),
+            ..self
+        }
+    }
+}
+
+/// Variances of a value and its rate, and their covariance, in thousandths squared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Spread {
+    value: Real,
+    both: Real,
+    rate: Real,
+}
+
+impl Spread {
+    fn new(value: Real, rate: Real) -> Self {
+        Self { value: value * value, both: ZERO, rate: rate * rate }
+    }
+
+    /// `dt` seconds later; the rate's error grows by the factor `bend`, `noise` is the density of the acceleration.
+    fn predict(&mut self, dt: Real, bend: Real, noise: Real) {
+        let Self { value, both, rate } = *self;
+        let noise = (noise * MILLI) * (noise * MILLI) * dt;
+        self.value = value + both * dt * 2 + rate * dt * dt + noise * dt * dt / 3;
+        self.both = (both + rate * dt) * bend + noise * dt / 2;
+        self.rate = rate * bend * bend + noise;
+        self.limit();
+    }
+
+    fn limit(&mut self) {
+        self.value = self.value.clamp(ratio(1, 1000), MAX_VARIANCE);
+        self.rate = self.rate.clamp(ratio(1, 1000), MAX_VARIANCE);
+        let most = sqrt(self.value) * sqrt(self.rate);
+        self.both = self.both.clamp(-most, most);
+    }
+
+    /// Gains of value and rate for a measurement of the value with this variance.
+    fn update(&mut self, variance: Real) -> [Real; 2] {
+        let sum = self.value + variance.min(MAX_VARIANCE);
+        let gains = [divide(self.value, sum), divide(self.both, sum)];
+        let both = self.both;
+        self.value -= self.value * gains[0];
+        self.both -= both * gains[0];
+        self.rate -= both * gains[1];
+        self.limit();
+        gains
+    }
+
+    /// As [`Spread::update`] for a measurement of the rate.
+    fn update_rate(&mut self, variance: Real) -> [Real; 2] {
+        let sum = self.rate + variance.min(MAX_VARIANCE);
+        let gains = [divide(self.both, sum), divide(self.rate, sum)];
+        let both = self.both;
+        self.value -= both * gains[0];
+        self.both -= both * gains[1];
+        self.rate -= self.rate * gains[1];
+        self.limit();
+        gains
+    }
+}
+
+/// An object that is followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Track {
+    /// Number, from 1.
+    pub id: u16,
+    /// Enough detections agreed.
+    pub confirmed: bool,
+    /// When the last detection was.
+    pub seen_us: i64,
+    /// Whether the newest frame had none.
+    pub coasting: bool,
+    /// Score of the last detection.
+    pub score: i32,
+    /// Box in the newest frame, foretold while coasting.
+    pub rect: Rect,
+    /// Unit vector in the frame of reference.
+    pub direction: Vector,
+    /// Its change, square to it, in radians a second.
+    pub rate: Vector,
+    /// Logarithm of the angular size: root of width times height, in radians.
+    pub size: Real,
+    /// Change of that logarithm a second: the inverse of the time to contact.
+    pub growth: Real,
+    /// Logarithm of the longer side over the size, smoothed.
+    pub aspect: Real,
+    bearing: Spread,
+    growing: Spread,
+    /// One bit a frame, the newest lowest: whether there was a detection.
+    history: u32,
+    frames: u8,
+}
+
+impl Track {
+    /// Standard deviation of the direction, in radians.
+    pub fn direction_sigma(&self) -> Real {
+        sqrt(self.bearing.value) / MILLI
+    }
+
+    /// Standard deviation of the rate along each axis, in radians a second.
+    pub fn rate_sigma(&self) -> Real {
+        sqrt(self.bearing.rate) / MILLI
+    }
+
+    /// Standard deviation of the logarithm of the size.
+    pub fn size_sigma(&self) -> Real {
+        sqrt(self.growing.value) / MILLI
+    }
+
+    /// Standard deviation of the growth, per second.
+    pub fn growth_sigma(&self) -> Real {
+        sqrt(self.growing.rate) / MILLI
+    }
+
+    /// Angle of the object's longer side, in radians.
+    pub fn extent(&self) -> Real {
+        exp(self.size + self.aspect)
+    }
+
+    fn start(id: u16, sight: &Sight, score: i32, time_us: i64) -> Self {
+        let (rate, rate_sigma) = match sight.rate {
+            Some((rate, variance)) => (rate, sqrt(variance)),
+            None => ([ZERO; 3], FIRST_RATE),
+        };
+        Self {
+            id,
+            confirmed: false,
+            seen_us: time_us,
+            coasting: false,
+            score,
+            rect: sight.rect,
+            direction: sight.direction,
+            rate,
+            size: sight.size,
+            growth: ZERO,
+            aspect: sight.aspect,
+            bearing: Spread::new(sqrt(sight.variance), rate_sigma),
+            growing: Spread::new(sqrt(sight.size_variance), FIRST_GROWTH),
+            history: 1,
+            frames: 1,
+        }
+    }
+
+    fn predict(&mut self, dt: Real, settings: &Settings) {
+        self.direction = unit(add(self.direction, self.rate, dt));
+        self.rate = across(self.rate, self.direction);
+        self.bearing.predict(dt, ONE, settings.agility);
+        let g = self.growth;
+        self.size = (self.size + g * dt + g * g * dt * dt / 2).clamp(-MILLI / 50, ONE);
+        self.growth = (g + g * g * dt).clamp(-MAX_GROWTH, MAX_GROWTH);
+        let bend = (ONE + g * dt * 2).clamp(ONE / 2, ONE * 2);
+        self.growing.predict(dt, bend, settings.growth_agility);
+        self.history <<= 1;
+        self.frames = self.frames.saturating_add(1);
+    }
+
+    /// Distance of a sight in standard deviations squared; `None` outside the gate.
+    fn distance(&self, sight: &Sight) -> Option<Real> {
+        let off = add(sight.direction, self.direction, -ONE).map(|v| v * MILLI);
+        let place = off.map(|v| divide(v, sqrt(self.bearing.value + sight.variance)));
+        let place: Real = place.into_iter().map(|v| v * v).fold(ZERO, Real::saturating_add);
+        let size = (sight.size - self.size) * MILLI;
+        let size = divide(size, sqrt(self.growing.value + sight.size_variance));
+        let size = size * size;
+        (place <= GATE[0] && size <= GATE[1]).then_some(place + size)
+    }
+
+    fn update(&mut self, sight: &Sight, score: i32, time_us: i64) {
+        let off = across(add(sight.direction, self.direction, -ONE), self.direction);
+        let [place, speed] = self.bearing.update(sight.variance);
+        self.direction = unit(add(self.direction, off, place));
+        self.rate = add(self.rate, off, speed);
+        if let Some((rate, variance)) = sight.rate {
+            let off = across(add(rate, self.rate, -ONE), self.direction);
+            let [place, speed] = self.bearing.update_rate(variance);
+            self.direction = unit(add(self.direction, off, place));
+            self.rate = add(self.rate, off, speed);
+        }
+        self.rate = across(self.rate, self.direction);
+        let speed = norm(self.rate);
+        if speed > MAX_RATE {
+            self.rate = self.rate.map(|v| v * MAX_RATE / speed);
+        }
+        if !sight.cut {
+            let off = sight.size - self.size;
+            let [size, growth] = self.growing.update(sight.size_variance);
+            self.size += off * size;
+            self.growth = (self.growth + off * growth).clamp(-MAX_GROWTH, MAX_GROWTH);
+            self.aspect += (sight.aspect - self.aspect) / 8;
+        }
+        self.score = score;
+        self.rect = sight.rect;
+        self.seen_us = time_us;
+        self.coasting = false;
+        self.history |= 1;
+    }
+
+    /// Turns everything by `turn`: the frame of reference was another.
+    fn turn(&mut self, turn: Attitude) {
+        self.direction = unit(turn.rotate(self.direction));
+        self.rate = across(turn.rotate(self.rate), self.direction);
+    }
+
+    /// Moves the box to where the track is foretold.
+    fn coast(&mut self, view: &View<'_>) {
+        self.coasting = true;
+        let body = view.attitude.inverse().rotate(self.direction);
+        let Some((x, y)) = view.camera.project(body) else { return };
+        self.rect.x = x - self.rect.width / 2;
+        self.rect.y = y - self.rect.height / 2;
+    }
+
+    fn hits(&self, window: u8) -> u32 {
+        let mask = if window >= 32 { u32::MAX } else { (1 << window) - 1 };
+        (self.history & mask).count_ones()
+    }
+
+    /// Whether it can be given up.
+    fn is_over(&self, time_us: i64, settings: &Settings) -> bool {
+        if self.confirmed {
+            return time_us.saturating_sub(self.seen_us) > settings.coast_us;
+        }
+        let window = u32::from(settings.confirm_window.min(self.frames));
+        let misses = window - self.hits(settings.confirm_window);
+        misses > u32::from(settings.confirm_window - settings.confirm_hits)
+    }
+}
+
+/// A frame's camera: where it looks, and where it looked before.
+#[derive(Debug, Clone)]
+pub struct View<'a> {
+    /// The camera.
+    pub camera: &'a Camera,
+    /// From the body to the frame of reference.
+    pub attitude: Attitude,
+    /// Its error that differs from frame to frame, in radians.
+    pub error: Real,
+    /// Seconds ago and attitudes of the frames before, the last one first.
+    pub before: heapless::Vec<(Real, Attitude), SHIFTS>,
+}
+
+/// A detection in the frame of reference. Variances in thousandths squared.
+#[derive(Debug, Clone, Copy)]
+struct Sight {
+    rect: Rect,
+    direction: Vector,
+    variance: Real,
+    size: Real,
+    size_variance: Real,
+    aspect: Real,
+    /// In radians a second, from the shifts.
+    rate: Option<(Vector, Real)>,
+    /// Whether the frame's edge cuts it.
+    cut: bool,
+}
+
+impl Sight {
+    fn new(detection: &Detection, view: &View<'_>, settings: &Settings) -> Self {
+        let camera = view.camera;
+        let limit = I28F4::from_num(1 << 20);
+        let Rect { x, y, width, height } = detection.rect;
+        let [x, y] = [x, y].map(|v| v.clamp(-limit, limit));
+        let [width, height] = [width, height].map(|v| v.clamp(I28F4::ONE, limit));
+        let (right, bottom) = (x + width, y + height);
+        let (mx, my) = (x + width / 2, y + height / 2);
+        let angle = |a: (I28F4, I28F4), b: (I28F4, I28F4)| {
+            let (a, b) = (camera.direction(a.0, a.1), camera.direction(b.0, b.1));
+            norm(add(a, b, -ONE)).max(ratio(1, 100_000))
+        };
+        let wide = angle((x, my), (right, my));
+        let high = angle((mx, y), (mx, bottom));
+        let size = (ln(wide) + ln(high)) / 2;
+        let pixel = camera.pixel();
+        let extent = exp(size);
+        let milli = |v: Real| (v * MILLI).min(MILLI * 4);
+        let place = milli(extent * settings.place_error + pixel);
+        let error = milli(view.error);
+        let direction = unit(view.attitude.rotate(camera.body(mx, my)));
+        let size_error = milli(settings.size_error + divide(pixel, extent));
+        let spec = camera.intrinsics();
+        let edge = |v: I28F4, side: u32| v + I28F4::ONE >= I28F4::saturating_from_num(side);
+        // The longest way back that is known: its error is that of two places, alike as they are.
+        let rate =
+            view.before.iter().zip(&detection.shifts).next_back().and_then(|(then, shift)| {
+                let place = |v: I28F4, shift: I28F4| v.saturating_add(shift).clamp(-limit, limit);
+                let body = camera.body(place(mx, shift.x), place(my, shift.y));
+                let old = unit(then.1.rotate(body));
+                (then.0 >= ratio(1, 200)).then(|| {
+                    let rate = add(direction, old, -ONE).map(|v| v / then.0);
+                    let sigma = (milli(pixel * 3) + error) / then.0;
+                    (across(rate, direction), (sigma * sigma).min(MAX_VARIANCE))
+                })
+            });
+        Self {
+            rect: Rect { x, y, width, height },
+            direction,
+            variance: place * place + error * error,
+            size,
+            size_variance: size_error * size_error,
+            aspect: ln(wide.max(high)) - size,
+            rate,
+            cut: x <= I28F4::ONE
+                || y <= I28F4::ONE
+                || edge(right, spec.width)
+                || edge(bottom, spec.height),
+        }
+    }
+}
+
+/// Follows objects from frame to frame.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    settings: Settings,
+    tracks: heapless::Vec<Track, MAX_TRAFFIC>,
+    last_id: u16,
+    dropped: u32,
+}
+
+impl Tracker {
+    /// Follows nothing yet; settings are brought within their ranges.
+    pub fn new(settings: Settings) -> Self {
+        Self { settings: settings.limited(), tracks: heapless::Vec::new(), last_id: 0, dropped: 0 }
+    }
+
+    /// Other settings from now on, brought within their ranges.
+    pub fn set(&mut self, settings: Settings) {
+        self.settings = settings.limited();
+    }
+
+    /// What is followed.
+    pub fn tracks(&self) -> &[Track] {
+        &self.tracks
+    }
+
+    /// Detections that would have started a track if there had been room, in all.
+    pub fn dropped(&self) -> u32 {
+        self.dropped
+    }
+
+    /// Forgets all tracks.
+    pub fn clear(&mut self) {
+        self.tracks.clear();
+    }
+
+    /// The frame of reference is another from now on: what pointed along v points along `turn` v.
+    pub fn turn(&mut self, turn: Attitude) {
+        self.tracks.iter_mut().for_each(|track| track.turn(turn));
+    }
+
+    /// The detections of a frame at `time_us`, `dt` seconds (0 to 1) after the last one.
+    pub fn update(&mut self, detections: &[Detection], time_us: i64, dt: Real, view: &View<'_>) {
+        let dt = dt.clamp(ZERO, ONE);
+        let settings = self.settings;
+        let sights: heapless::Vec<(Sight, i32), MAX_SIGHTS> = detections
+            .iter()
+            .filter(|d| d.score >= settings.keep_score)
+            .take(MAX_SIGHTS)
+            .map(|d| (Sight::new(d, view, &settings), d.score))
+            .collect();
+        for track in &mut self.tracks {
+            track.predict(dt, &settings);
+            track.coasting = true;
+        }
+        let mut free = [true; MAX_SIGHTS];
+        for confirmed in [true, false] {
+            self.assign(&sights, &mut free, confirmed, time_us);
+        }
+        for track in self.tracks.iter_mut().filter(|track| track.coasting) {
+            track.coast(view);
+        }
+        for track in &mut self.tracks {
+            track.confirmed |=
+                track.hits(settings.confirm_window) >= u32::from(settings.confirm_hits);
+        }
+        self.tracks.retain(|track| !track.is_over(time_us, &settings));
+        self.merge();
+        for ((sight, score), free) in sights.iter().zip(free) {
+            if free && *score >= settings.start_score {
+                self.start(sight, *score, time_us);
+            }
+        }
+    }
+
+    /// Gives sights to tracks that are (not) confirmed, the nearest pair first.
+    fn assign(
+        &mut self,
+        sights: &[(Sight, i32)],
+        free: &mut [bool; MAX_SIGHTS],
+        confirmed: bool,
+        time_us: i64,
+    ) {
+        let mut distances = [[None; MAX_SIGHTS]; MAX_TRAFFIC];
+        for (track, row) in self.tracks.iter().zip(&mut distances) {
+            for ((sight, _), distance) in sights.iter().zip(row) {
+                *distance = (track.confirmed == confirmed).then(|| track.distance(sight)).flatten();
+            }
+        }
+        loop {
+            let mut best: Option<(Real, usize, usize)> = None;
+            for (t, row) in distances.iter().enumerate().take(self.tracks.len()) {
+                for (s, distance) in row.iter().enumerate().filter(|(s, _)| free[*s]) {
+                    if let Some(distance) = distance
+                        && self.tracks[t].coasting
+                        && best.is_none_or(|(least, ..)| *distance < least)
+                    {
+                        best = Some((*distance, t, s));
+                    }
+                }
+            }
+            let Some((_, t, s)) = best else { return };
+            let (sight, score) = &sights[s];
+            self.tracks[t].update(sight, *score, time_us);
+            free[s] = false;
+        }
+    }
+
+    /// Of tracks on the same object only the confirmed, then the older one is kept.
+    fn merge(&mut self) {
+        let mut i = 0;
+        while i < self.tracks.len() {
+            let track = self.tracks[i];
+            let better = |other: &Track| {
+                let rank = |t: &Track| (!t.confirmed, t.coasting, t.frames < 255, 255 - t.frames);
+                other.id != track.id
+                    && other.rect.overlaps(&track.rect, 77)
+                    && rank(other) < rank(&track)
+            };
+            if self.tracks.iter().any(better) {
+                self.tracks.remove(i);
+            } else {
+                i += 1;
+            }
+        }
+    }
+
+    /// A new track, in the place of a worse one that is not confirmed where there is no room.
+    fn start(&mut self, sight: &Sight, score: i32, time_us: i64) {
+        if self.tracks.iter().any(|track| track.rect.overlaps(&sight.rect, 26)) {
+            return;
+        }
+        if self.tracks.is_full() {
+            let worst = self.tracks.iter().enumerate().filter(|(_, t)| !t.confirmed);
+            let worst = worst.min_by_key(|(_, t)| t.score).map(|(i, t)| (i, t.score));
+            self.dropped = self.dropped.saturating_add(1);
+            match worst {
+                Some((i, least)) if least < score => drop(self.tracks.remove(i)),
+                _ => return,
+            }
+        }
+        let id = self.next_id();
+        // There is room now.
+        let _ = self.tracks.push(Track::start(id, sight, score, time_us));
+    }
+
+    /// The next number that no track has; never 0.
+    fn next_id(&mut self) -> u16 {
+        loop {
+            self.last_id = self.last_id.wrapping_add(1).max(1);
+            if self.tracks.iter().all(|track| track.id != self.last_id) {
+                return self.last_id;
+            }
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! Detections in, traffic out (level 5): tracks and their threat, the camera's own turning removed.
+//!
+//! Directions are followed in a frame of reference that stands still: the world's where the vehicle's attitude is known.
+//! Where it is not, the turning of the camera is the rotation that explains the motion of the background best; the frame
+//! of reference then drifts slowly, and what the camera's own flight adds to the motion of near ground is taken for
+//! turning.
+
+use crate::angle::{ONE, Real, Vector, ZERO, add, cross, norm, ratio};
+use crate::attitudes::Attitudes;
+use crate::camera::Camera;
+use crate::detection::{Detection, SHIFTS};
+use crate::geometry::Attitude;
+use crate::linear;
+use crate::planar::Motion;
+use crate::threat::{self, Judge};
+use crate::track::{self, Tracker, View};
+use crate::traffic::{MAX_TRAFFIC, Traffic};
+use fixed::types::I28F4;
+
+/// A longer time between two frames starts anew, in microseconds.
+const GAP: i64 = 1_000_000;
+
+/// Points along each side of the picture at which the background's motion is read.
+const POINTS: i32 = 5;
+
+/// How objects are followed and judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Settings {
+    /// Making and keeping tracks.
+    pub track: track::Settings,
+    /// Judging them.
+    pub threat: threat::Settings,
+}
+
+/// Where the last frames' attitudes came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Source {
+    Vehicle,
+    Image,
+}
+
+/// Follows the objects that the detector finds in the frames of one camera, and judges them.
+#[derive(Debug, Clone)]
+pub struct Watch {
+    camera: Camera,
+    tracker: Tracker,
+    judge: Judge,
+    /// Times and attitudes of the last frames, the newest first; from the body to the frame of reference.
+    frames: heapless::Vec<(i64, Attitude), { SHIFTS + 1 }>,
+    source: Source,
+}
+
+impl Watch {
+    /// Has seen no frame; settings are brought within their ranges.
+    pub fn new(settings: Settings, camera: Camera) -> Self {
+        Self {
+            camera,
+            tracker: Tracker::new(settings.track),
+            judge: Judge::new(settings.threat),
+            frames: heapless::Vec::new(),
+            source: Source::Image,
+        }
+    }
+
+    /// Other settings from the next frame on; tracks live on.
+    pub fn set(&mut self, settings: Settings) {
+        self.tracker.set(settings.track);
+        self.judge.set(settings.threat);
+    }
+
+    /// The camera.
+    pub const fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// Detections that would have started a track if there had been room, in all.
+    pub fn dropped(&self) -> u32 {
+        self.tracker.dropped()
+    }
+
+    /// Forgets everything seen.
+    pub fn clear(&mut self) {
+        self.tracker.clear();
+        self.frames.clear();
+    }
+
+    /// The objects followed after the detections of a frame taken at `time_us`, surest and oldest first.
+    ///
+    /// `background` is the detector's motion of that frame ([`crate::detector::Detections::motion`]); `attitudes` those of
+    /// the vehicle, by the clock of the frames, empty without any. A frame that is not later than the last one, or by more
+    /// than a second, starts anew: every track ends.
+    pub fn update(
+        &mut self,
+        detections: &[Detection],
+        time_us: i64,
+        background: &Motion,
+        attitudes: &Attitudes,
+    ) -> heapless::Vec<Traffic, MAX_TRAFFIC> {
+        let last = self.frames.first().copied();
+        let step = last.map_or(0, |(time, _)| time_us.saturating_sub(time));
+        if last.is_some() && !(1..=GAP).contains(&step) {
+            self.clear();
+        }
+        let dt = seconds(step);
+        let vehicle = attitudes.at(time_us);
+        let (attitude, error) = self.attitude(vehicle, background, dt);
+        let before = self.frames.iter().take(SHIFTS);
+        let before = before.map(|(time, attitude)| (seconds(time_us - time), *attitude)).collect();
+        let view = View { camera: &self.camera, attitude, error, before };
+        self.tracker.update(detections, time_us, dt, &view);
+        if self.frames.is_full() {
+            self.frames.pop();
+        }
+        // There is room now.
+        let _ = self.frames.insert(0, (time_us, attitude));
+        let observer = threat::Observer {
+            camera: &self.camera,
+            attitude,
+            in_world: vehicle.is_some(),
+            time_us,
+        };
+        self.judge.judge(self.tracker.tracks(), &observer)
+    }
+
+    /// The attitude of this frame in the frame of reference and its error from frame to frame in radians; turns the tracks
+    /// where the frame of reference changes.
+    fn attitude(
+        &mut self,
+        vehicle: Option<Attitude>,
+        background: &Motion,
+        dt: Real,
+    ) -> (Attitude, Real) {
+        let last = self.frames.first().map(|(_, attitude)| *attitude);
+        let turn = background.is_valid().then(|| rotation(&self.camera, background)).flatten();
+        let guess =
+            last.map(|last| turn.map_or(last, |turn| last.after(Attitude::from_small(turn))));
+        let Some(vehicle) = vehicle else {
+            self.source = Source::Image;
+            // A third of a pixel where it is measured; without, what a multirotor turns at 0.3 rad/s.
+            let error = if turn.is_some() { self.camera.pixel() / 3 } else { dt * 3 / 10 };
+            return (guess.unwrap_or(Attitude::IDENTITY), error);
+        };
+        if self.source == Source::Image
+            && let Some(guess) = guess
+        {
+            let change = vehicle.after(guess.inverse());
+            self.tracker.turn(change);
+            self.frames.iter_mut().for_each(|(_, a)| *a = change.after(*a));
+        }
+        self.source = Source::Vehicle;
+        let turned = self.frames.first().map_or(ZERO, |(_, last)| last.angle_to(vehicle));
+        // A milliradian, what the camera's scale is wrong by, and the turn in 2 ms of wrong time.
+        let late = if dt > ZERO { turned / dt.max(ratio(1, 200)) / 500 } else { ZERO };
+        (vehicle, ratio(1, 1000) + turned * self.camera.scale_error() + late)
+    }
+}
+
+/// Seconds of at most 1 s of microseconds.
+fn seconds(time_us: i64) -> Real {
+    Real::from_num(time_us.clamp(0, GAP)) / 1_000_000
+}
+
+/// The turn of the body from the last frame to this one, about the body's axes in radians, that explains the motion of the
+/// background best: least squares over a grid of points.
+fn rotation(camera: &Camera, background: &Motion) -> Option<Vector> {
+    let spec = camera.intrinsics();
+    let (mut matrix, mut right) = ([[0i64; 3]; 3], [0i64; 3]);
+    let q20 = |v: Real| v.to_bits() >> 12;
+    for (i, j) in (0..POINTS).flat_map(|j| (0..POINTS).map(move |i| (i, j))) {
+        let place = |k: i32, side: u32| ((2 * k + 1) * side as i32 / (2 * POINTS)) << 8;
+        let (x, y) = (place(i, spec.width), place(j, spec.height));
+        let (old_x, old_y) = background.map(x, y);
+        let sixteenths = |v: i32| I28F4::from_bits(v >> 4);
+        let now = camera.body(sixteenths(x), sixteenths(y));
+        let then = camera.body(sixteenths(old_x), sixteenths(old_y));
+        let moved = cross(now, add(then, now, -ONE));
+        for a in 0..3 {
+            for b in a..3 {
+                let one = if a == b { ONE } else { ZERO };
+                matrix[a][b] += q20(one - now[a] * now[b]);
+            }
+            right[a] += q20(moved[a]);
+        }
+    }
+    let turn = linear::solve(&matrix, &right, 3, 32)?.map(Real::from_bits);
+    (norm(turn.map(|v| v.clamp(-ONE, ONE))) < ratio(1, 2)).then_some(turn)
+}
