@@ -264,17 +264,12 @@ impl Track {
         let off = across(add(sight.direction, self.direction, -ONE), self.direction);
         let [place, speed] = self.bearing.update(sight.variance);
         self.direction = unit(add(self.direction, off, place));
-        self.rate = add(self.rate, off, speed);
+        self.rate = limited(add(self.rate, off, speed), self.direction);
         if let Some((rate, variance)) = sight.rate {
             let off = across(add(rate, self.rate, -ONE), self.direction);
             let [place, speed] = self.bearing.update_rate(variance);
             self.direction = unit(add(self.direction, off, place));
-            self.rate = add(self.rate, off, speed);
-        }
-        self.rate = across(self.rate, self.direction);
-        let speed = norm(self.rate);
-        if speed > MAX_RATE {
-            self.rate = self.rate.map(|v| v * MAX_RATE / speed);
+            self.rate = limited(add(self.rate, off, speed), self.direction);
         }
         if !sight.cut {
             let off = sight.size - self.size;
@@ -319,6 +314,11 @@ impl Track {
         let misses = window - self.hits(settings.confirm_window);
         misses > u32::from(settings.confirm_window - settings.confirm_hits)
     }
+}
+
+/// A rate brought square to the direction, and within what is believed along each axis.
+fn limited(rate: Vector, direction: Vector) -> Vector {
+    across(rate.map(|v| v.clamp(-MAX_RATE, MAX_RATE)), direction)
 }
 
 /// A frame's camera: where it looks, and where it looked before.
