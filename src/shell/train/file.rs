@@ -34,6 +34,13 @@ impl Parts {
         Self { method: model.method(), sections: Section::ALL.map(|s| model.section(s).to_vec()) }
     }
 
+    /// Puts in sections of a model in place of those that are there.
+    pub fn take(&mut self, model: &Model<'_>, sections: &[Section]) {
+        for &section in sections {
+            self.sections[section as usize] = model.section(section).to_vec();
+        }
+    }
+
     /// Whether a forest has trees.
     pub fn has_trees(&self, section: Section) -> bool {
         self.sections[section as usize] != NO_TREES

@@ -90,6 +90,9 @@ pub struct TrainArgs {
     #[arg(long, value_name = "MODEL")]
     #[serde(skip)]
     pub calibrate: Option<PathBuf>,
+    /// Take the scan and the regressors of Algorithm 1 from this model instead of learning them: for methods that share them
+    #[arg(long, value_name = "MODEL")]
+    pub from: Option<PathBuf>,
     /// Every how many clips one is held back to decide when to stop; 0: none
     #[arg(long, default_value_t = 8)]
     pub hold_back: usize,
@@ -152,6 +155,27 @@ impl TrainArgs {
         Ok(Recipe { method: Method { alignment, scales_per_octave, ..method }, ..recipe })
     }
 
+    /// What is there before the first stage.
+    fn start(&self, recipe: &Recipe) -> Result<Parts, Error> {
+        let mut parts = Parts::new(recipe.method);
+        if let Some(path) = &self.from {
+            let file = ModelFile::load(Some(path))?;
+            let model = file.parse()?;
+            if model.method().registration != recipe.method.registration {
+                return Err(Error::MethodModel {
+                    method: self.method,
+                    path: path.clone(),
+                    reason: "one of both looks at registered frames, its scan cannot be shared"
+                        .into(),
+                });
+            }
+            let shared =
+                [Section::Scan, Section::PatchFeatures, Section::Horizontal, Section::Vertical];
+            parts.take(&model, &shared);
+        }
+        Ok(parts)
+    }
+
     /// Where the model card goes.
     fn card(&self) -> PathBuf {
         self.card.clone().unwrap_or_else(|| match self.method {
@@ -175,7 +199,10 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
     let partial = args.out.with_extension("lkm.partial");
     let resumed = resume(&partial, &settings);
     let mut report = Report::create(&args.out.with_extension("jsonl"), resumed.is_some())?;
-    let mut parts = resumed.unwrap_or_else(|| Parts::new(recipe.method));
+    let mut parts = match resumed {
+        Some(parts) => parts,
+        None => args.start(&recipe)?,
+    };
     let trainer = Trainer::load(args, recipe, &report)?;
     // Without cubes there is nothing to compensate, and of the cubes' trees only those of the box.
     let stages = match recipe.method.stcube {
@@ -184,7 +211,7 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
     };
     for &stage in stages {
         if parts.has_trees(stage) {
-            report.note(&std::format!("{stage:?}: taken from {}", partial.display()))?;
+            report.note(&std::format!("{stage:?}: there already"))?;
             continue;
         }
         match stage {
