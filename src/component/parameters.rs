@@ -16,7 +16,7 @@ use mavlink::types::CharArray;
 /// A parameter. Its number is its index on the wire; the set never changes while the program runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Parameter {
-    /// `LK_THRESHOLD`: least score of a detection, log-odds; -1 by default.
+    /// `LK_THRESHOLD`: least score of a detection, log-odds; 0 by default.
     Threshold,
     /// `LK_WINGSPAN`: assumed wingspan of other aircraft in metres; 1 by default.
     Wingspan,
@@ -51,7 +51,7 @@ pub const COUNT: usize = 12;
 struct Definition(Parameter, &'static str, f32, f32, f32, bool);
 
 static DEFINITIONS: [Definition; COUNT] = [
-    Definition(Parameter::Threshold, "LK_THRESHOLD", -1.0, -32.0, 32.0, false),
+    Definition(Parameter::Threshold, "LK_THRESHOLD", 0.0, -32.0, 32.0, false),
     Definition(Parameter::Wingspan, "LK_WINGSPAN", 1.0, 0.0625, 100.0, false),
     Definition(Parameter::CautionTime, "LK_CAUTION_S", 12.0, 1.0, 60.0, false),
     Definition(Parameter::WarningTime, "LK_WARNING_S", 6.0, 1.0, 60.0, false),
