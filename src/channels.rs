@@ -1,20 +1,24 @@
-//! Channels of one pyramid level: integral gradient images and the scan's map (level 2).
+//! Channels of one pyramid level: gradient energies and differences of cells, and the scan's map (level 2).
 //!
-//! Of every frame a table of eight channels is kept: [`ORIENTATIONS`] gradient energies, their magnitude and the
-//! temporal difference. Of the newest frame alone there are a second table (intensity and the other differences) and a
-//! map of [`MAP_CHANNELS`] normalised bytes a cell, in which the scan looks up single values.
+//! A frame has eight channels a cell: [`ORIENTATIONS`] gradient energies, their magnitude and the temporal difference.
+//! Of the newest frame alone there are four more (intensity and all differences), and a map of [`MAP_CHANNELS`]
+//! normalised bytes a cell, in which the scan looks up single values. Cells are computed from pictures where they are
+//! asked for, the map in strips of a few rows: pictures are all that is kept.
 
 use crate::gradient::{CELL, CellRow, ORIENTATIONS};
 use crate::image::Image;
-use crate::integral::{self, Builder, Entry, Integral};
+use core::array::from_fn;
 
 /// Difference images beside the grey one: tolerant to a frame far back, tolerant and plain to that of the oldest slice.
 pub const DIFFERENCES: usize = 3;
 
-/// Channel of the gradient magnitude in the first table.
+/// Channels of every frame, and as many of the newest alone.
+pub const CHANNELS: usize = 8;
+
+/// Channel of the gradient magnitude.
 pub const MAGNITUDE: usize = ORIENTATIONS;
 
-/// Channel of the temporal difference in the first table.
+/// Channel of the temporal difference.
 pub const TEMPORAL: usize = ORIENTATIONS + 1;
 
 /// Bytes of the scan's map for one cell.
@@ -24,7 +28,7 @@ pub const MAP_CHANNELS: usize = 16;
 pub const PADDING: usize = 3;
 
 /// Half the side of the square over which the map is normalised, in cells.
-const REACH: i32 = 5;
+const REACH: usize = 5;
 
 /// Cells in that square.
 const AREA: u32 = (2 * REACH as u32 + 1) * (2 * REACH as u32 + 1);
@@ -47,65 +51,183 @@ static ROOT: [u8; 1024] = {
     table
 };
 
-/// Words of a level's table over `width` x `height` pixels of the level.
-pub const fn table_words(width: usize, height: usize) -> usize {
-    integral::words(width / CELL, height / CELL)
+/// Eight channels of the cells of a square, row by row.
+pub type Square<const N: usize> = [[[u8; CHANNELS]; N]; N];
+
+/// A difference image of a level.
+#[derive(Debug, Clone, Copy)]
+pub struct Difference<'a> {
+    /// Grey levels.
+    pub picture: Image<'a>,
+    /// Whether a pixel is a whole cell of the level, not a pixel of it.
+    pub halved: bool,
 }
 
-/// Bytes of a level's map over `width` x `height` pixels of the level.
-pub const fn map_bytes(width: usize, height: usize) -> usize {
-    (width / CELL + 2 * PADDING) * (height / CELL + 2 * PADDING) * MAP_CHANNELS
+/// The pixels of a difference image for one row of cells.
+#[derive(Debug, Clone, Copy)]
+enum DifferenceRow<'a> {
+    Pixels(CellRow<'a>),
+    Cells(&'a [u8]),
 }
 
-/// Writes the tables of a level: `grey` and its `differences` give `table` (energies, magnitude, tolerant difference to
-/// the oldest frame) and `newest` (intensity, then the differences in quarters of a grey level, at most 255). All
-/// pictures of one size; slices of [`table_words`]. Panics if one is smaller.
-pub fn tables(
-    grey: &Image<'_>,
-    differences: &[Image<'_>; DIFFERENCES],
-    table: &mut [u16],
-    newest: &mut [u16],
-) {
-    let (columns, rows) = (grey.width() / CELL, grey.height() / CELL);
-    let mut table = Builder::new(table, columns);
-    let mut newest = Builder::new(newest, columns);
-    for row in 0..rows {
-        let pixels = CellRow::new(grey, row);
-        let differences = differences.map(|d| CellRow::new(&d, row));
-        // The mean of four pixels in quarters of a grey level is their sum.
-        let quarters = |i: usize, x| differences[i].sum(x).min(255) as u8;
-        table.push_row(|x| {
-            let [a, b, c, d, e, f, magnitude] = pixels.energies(x);
-            [a, b, c, d, e, f, magnitude, quarters(1, x)]
-        });
-        newest.push_row(|x| {
-            let grey = ((pixels.sum(x) + 2) >> 2) as u8;
-            [grey, quarters(0, x), quarters(1, x), quarters(2, x), 0, 0, 0, 0]
-        });
+impl<'a> Difference<'a> {
+    #[inline]
+    fn row(&self, row: usize) -> DifferenceRow<'a> {
+        if !self.halved {
+            DifferenceRow::Pixels(CellRow::new(&self.picture, row))
+        } else if row < self.picture.height() {
+            DifferenceRow::Cells(self.picture.row(row))
+        } else {
+            DifferenceRow::Cells(&[])
+        }
     }
+}
+
+impl DifferenceRow<'_> {
+    /// The mean over cell `x` in quarters of a grey level, at most 255: the sum of its four pixels. 0 beyond a halved
+    /// picture, which may lack the last column and row.
+    #[inline(always)]
+    fn quarters(&self, x: usize) -> u8 {
+        let sum = match self {
+            Self::Pixels(row) => row.sum(x),
+            Self::Cells(row) => row.get(x).map_or(0, |&mean| 4 * u32::from(mean)),
+        };
+        sum.min(255) as u8
+    }
+}
+
+/// What is kept of a frame on a level.
+#[derive(Debug, Clone, Copy)]
+pub struct Slice<'a> {
+    /// Grey levels.
+    pub grey: Image<'a>,
+    /// Tolerant difference to the frame a few before.
+    pub near: Difference<'a>,
+}
+
+/// What there is of the newest frame on a level.
+#[derive(Debug, Clone, Copy)]
+pub struct Newest<'a> {
+    /// What is kept of it.
+    pub slice: Slice<'a>,
+    /// Tolerant difference to a frame far back.
+    pub far: Difference<'a>,
+    /// Plain difference to the frame a few before.
+    pub plain: Difference<'a>,
+}
+
+/// Cells of `N` columns from column `left` on, of row `y` of a level of such a size; those outside of it are 0.
+fn square<const N: usize, R>(
+    size: (usize, usize),
+    (left, top): (i32, i32),
+    row: impl Fn(usize) -> R,
+    cell: impl Fn(&R, usize) -> [u8; CHANNELS],
+) -> Square<N> {
+    let mut cells = [[[0; CHANNELS]; N]; N];
+    for (j, cells) in cells.iter_mut().enumerate() {
+        let Some(y) = place(top, j).filter(|&y| y < size.1) else { continue };
+        let row = row(y);
+        for (i, out) in cells.iter_mut().enumerate() {
+            if let Some(x) = place(left, i).filter(|&x| x < size.0) {
+                *out = cell(&row, x);
+            }
+        }
+    }
+    cells
+}
+
+/// `first + i`, unless it is negative.
+fn place(first: i32, i: usize) -> Option<usize> {
+    usize::try_from(i64::from(first) + i as i64).ok()
+}
+
+impl<'a> Slice<'a> {
+    /// Cells in a row and in a column.
+    pub fn cells(&self) -> (usize, usize) {
+        (self.grey.width() / CELL, self.grey.height() / CELL)
+    }
+
+    /// Energies, magnitude and temporal difference of the cells of a square whose upper left one is at (x, y). Cells
+    /// outside the picture are 0.
+    pub fn square<const N: usize>(&self, x: i32, y: i32) -> Square<N> {
+        let row = |y| (CellRow::new(&self.grey, y), self.near.row(y));
+        square(self.cells(), (x, y), row, |(grey, near), x| {
+            let [a, b, c, d, e, f, magnitude] = grey.energies(x);
+            [a, b, c, d, e, f, magnitude, near.quarters(x)]
+        })
+    }
+}
+
+impl Newest<'_> {
+    /// Intensity, the differences in quarters of a grey level (at most 255) and zeros: of the cells of a square, as
+    /// [`Slice::square`].
+    pub fn square<const N: usize>(&self, x: i32, y: i32) -> Square<N> {
+        square(self.slice.cells(), (x, y), |y| self.row(y), |row, x| row.second(x))
+    }
+
+    fn row(&self, y: usize) -> NewestRow<'_> {
+        NewestRow {
+            grey: CellRow::new(&self.slice.grey, y),
+            differences: [self.far.row(y), self.slice.near.row(y), self.plain.row(y)],
+        }
+    }
+}
+
+/// A row of cells of the newest frame.
+struct NewestRow<'a> {
+    grey: CellRow<'a>,
+    differences: [DifferenceRow<'a>; DIFFERENCES],
+}
+
+impl NewestRow<'_> {
+    #[inline(always)]
+    fn second(&self, x: usize) -> [u8; CHANNELS] {
+        let [far, near, plain] = self.differences.each_ref().map(|d| d.quarters(x));
+        [((self.grey.sum(x) + 2) >> 2) as u8, far, near, plain, 0, 0, 0, 0]
+    }
+
+    #[inline(always)]
+    fn cell(&self, x: usize) -> Cell {
+        let [a, b, c, d, e, f, magnitude] = self.grey.energies(x);
+        let [grey, far, near, plain, ..] = self.second(x);
+        [a, b, c, d, e, f, magnitude, grey, far, near, plain]
+    }
+}
+
+/// Side of the blocks of [`noise`], in cells.
+const BLOCK: usize = 8;
+
+/// Words that [`noise`] needs for a level of `columns` x `rows` cells.
+pub const fn noise_words(columns: usize, rows: usize) -> usize {
+    (columns / BLOCK) * (rows / BLOCK) * DIFFERENCES
 }
 
 /// Noise of the differences of a whole frame: the mean of each over its calmer cells, Q4. Scales the map's temporal
 /// channels, so that wind in the trees or a badly measured camera motion do not look like targets everywhere.
-pub fn noise(newest: &Integral<'_>) -> [u32; DIFFERENCES] {
-    // Means of 8x8-cell blocks; the mean of those below twice the mean of all is robust against targets.
-    const BLOCK: i32 = 8;
-    let (columns, rows) = (newest.width() as i32 / BLOCK, newest.height() as i32 / BLOCK);
-    let blocks = || (0..rows).flat_map(move |y| (0..columns).map(move |x| (x, y)));
-    let sum_at =
-        |i: usize, x, y| u32::from(newest.box_sum(x * BLOCK, y * BLOCK, BLOCK, BLOCK)[i + 1]);
-    core::array::from_fn(|i| {
-        let count = (columns * rows).max(1) as u64;
-        let all: u64 = blocks().map(|(x, y)| u64::from(sum_at(i, x, y))).sum();
-        let (mut calm, mut number) = (0u64, 0u64);
-        for (x, y) in blocks() {
-            let sum = u64::from(sum_at(i, x, y));
-            if sum * count <= 2 * all {
-                calm += sum;
-                number += 1;
+/// Panics if there are fewer than [`noise_words`] words.
+pub fn noise(newest: &Newest<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
+    // Means of blocks; the mean of those below twice the mean of all is robust against targets.
+    let (columns, rows) = newest.slice.cells();
+    let (across, down) = (columns / BLOCK, rows / BLOCK);
+    let (blocks, _) = words[..noise_words(columns, rows)].as_chunks_mut::<DIFFERENCES>();
+    blocks.fill([0; DIFFERENCES]);
+    for y in 0..down * BLOCK {
+        let row = newest.row(y).differences;
+        let blocks = &mut blocks[y / BLOCK * across..][..across];
+        for (x, sums) in blocks.iter_mut().enumerate() {
+            for (sum, row) in sums.iter_mut().zip(&row) {
+                *sum +=
+                    (x * BLOCK..(x + 1) * BLOCK).map(|x| u16::from(row.quarters(x))).sum::<u16>();
             }
         }
-        (calm / (4 * number.max(1))) as u32
+    }
+    from_fn(|i| {
+        let count = blocks.len().max(1) as u64;
+        let all: u64 = blocks.iter().map(|sums| u64::from(sums[i])).sum();
+        let calm =
+            || blocks.iter().map(|sums| u64::from(sums[i])).filter(|sum| sum * count <= 2 * all);
+        let number = (calm().count() as u64).max(1);
+        (calm().sum::<u64>() / (4 * number)) as u32
     })
 }
 
@@ -120,23 +242,6 @@ static RECIPROCAL: [u16; 1024] = {
     table
 };
 
-/// Corners of the squares of one row of cells in a table: above and below the square, above and below the row itself.
-struct Rows<'a> {
-    table: Integral<'a>,
-    square: (i32, i32),
-    row: i32,
-}
-
-impl Rows<'_> {
-    /// Sums over the square around column `x` and over its middle cell.
-    #[inline(always)]
-    fn sums(&self, x: i32) -> (Entry, Entry) {
-        let (top, bottom) = self.square;
-        let square = self.table.box_sum(x - REACH, top, 2 * REACH + 1, bottom - top);
-        (square, self.table.box_sum(x, self.row, 1, 1))
-    }
-}
-
 /// Mean over the square in quarters of a unit, from its sum.
 #[inline(always)]
 fn quarter_mean(sum: u16) -> usize {
@@ -146,70 +251,194 @@ fn quarter_mean(sum: u16) -> usize {
 
 /// 64 times `value` over the mean with reciprocal `reciprocal`, through [`ROOT`].
 #[inline(always)]
-fn ratio(value: u16, reciprocal: u16) -> u8 {
+fn ratio(value: u8, reciprocal: u16) -> u8 {
     let ratio = (u32::from(value) * u32::from(reciprocal)) >> 8;
     ROOT[ratio.min(1023) as usize]
 }
 
-/// Writes the scan's map of a level from its tables; `noise` as [`noise`] gives it, the same for all levels.
+/// All that the map asks of a cell: energies, magnitude, grey, differences.
+type Cell = [u8; ORIENTATIONS + 2 + DIFFERENCES];
+
+/// Where the grey level of a [`Cell`] is, and behind it the differences.
+const GREY: usize = MAGNITUDE + 1;
+
+/// Rows of cells over which the map is normalised.
+const NEAR: usize = 2 * REACH + 1;
+
+/// Sums of a column of a square, or of all of it: magnitude, grey, far and near difference.
+type Sums = [u16; 4];
+
+fn sums(cell: &Cell) -> Sums {
+    [MAGNITUDE, GREY, GREY + 1, GREY + 2].map(|channel| u16::from(cell[channel]))
+}
+
+fn add(sums: &mut Sums, other: &Sums) {
+    sums.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
+}
+
+fn take(sums: &mut Sums, other: &Sums) {
+    sums.iter_mut().zip(other).for_each(|(sum, other)| *sum -= other);
+}
+
+/// Bytes that [`strips`] needs, with strips of up to `rows` rows, for a level of `columns` cells in a row.
+pub const fn strip_bytes(columns: usize, rows: usize) -> usize {
+    (columns + 2 * PADDING) * rows * MAP_CHANNELS + columns * NEAR * size_of::<Cell>()
+}
+
+/// Words that [`strips`] needs for a level of `columns` cells in a row.
+pub const fn strip_words(columns: usize) -> usize {
+    columns * size_of::<Sums>() / 2
+}
+
+/// Rows of a map from row `top` on, counted from the first row of padding: [`MAP_CHANNELS`] bytes a cell.
+#[derive(Debug, Clone, Copy)]
+pub struct Strip<'a> {
+    /// Number of the first row.
+    pub top: usize,
+    /// The rows, each [`PADDING`] cells wider than the level on either side.
+    pub bytes: &'a [u8],
+}
+
+/// Computes the scan's map of a level, `rows` rows at a time of which the first `shared` are the last ones of the strip
+/// before; `noise` as [`noise`] gives it, the same for all levels.
 ///
 /// Channels: 0..6 orientations and 6 magnitude against the mean magnitude around; 7 magnitude; 8 intensity against the
 /// mean around, relative to the magnitude around (128: equal); 9 the same in half grey levels; 10..13 the differences
 /// against the frame's noise; 13 and 15 two of them against their mean around; 14 the plain one against the magnitude.
-pub fn map(
-    table: &Integral<'_>,
-    newest: &Integral<'_>,
+///
+/// Panics if there are fewer than [`strip_bytes`] bytes or [`strip_words`] words, or not more rows than shared ones.
+pub fn strips(
+    newest: &Newest<'_>,
     noise: &[u32; DIFFERENCES],
-    map: &mut [u8],
+    (rows, shared): (usize, usize),
+    bytes: &mut [u8],
+    words: &mut [u16],
+    mut each: impl FnMut(Strip<'_>),
 ) {
-    let (columns, rows) = (table.width(), table.height());
-    let stride = columns + 2 * PADDING;
-    let (cells, _) = map.as_chunks_mut::<MAP_CHANNELS>();
-    let cells = &mut cells[..stride * (rows + 2 * PADDING)];
-    cells[..PADDING * stride].fill(OUTSIDE);
-    cells[(PADDING + rows) * stride..].fill(OUTSIDE);
+    let columns = newest.slice.cells().0;
+    let stride = (columns + 2 * PADDING) * MAP_CHANNELS;
+    let (strip, ring) = bytes.split_at_mut(stride * rows);
+    let mut around = Around::new(newest, ring, words);
     // Q16 reciprocals of the noise (Q4 quarters) with a floor of half a grey level.
     let calm = noise.map(|n| 65536 / (n + 32));
-    for y in 0..rows {
-        let row = &mut cells[(PADDING + y) * stride..(PADDING + y + 1) * stride];
-        row[..PADDING].fill(OUTSIDE);
-        row[PADDING + columns..].fill(OUTSIDE);
-        let cy = y as i32;
-        let square = ((cy - REACH).max(0), (cy + REACH + 1).min(rows as i32));
-        let energies = Rows { table: *table, square, row: cy };
-        let fresh = Rows { table: *newest, square, row: cy };
+    let height = around.rows + 2 * PADDING;
+    let mut filled = 0;
+    for number in 0..height {
+        let (out, _) = strip[filled * stride..(filled + 1) * stride].as_chunks_mut();
+        match number.checked_sub(PADDING).filter(|&y| y < around.rows) {
+            Some(y) => {
+                out[..PADDING].fill(OUTSIDE);
+                out[PADDING + columns..].fill(OUTSIDE);
+                around.advance(y);
+                around.map_row(y, &calm, &mut out[PADDING..PADDING + columns]);
+            }
+            None => out.fill(OUTSIDE),
+        }
+        filled += 1;
+        if filled == rows || number + 1 == height {
+            each(Strip { top: number + 1 - filled, bytes: &strip[..filled * stride] });
+            strip.copy_within((filled - shared.min(filled)) * stride..filled * stride, 0);
+            filled = shared;
+        }
+    }
+}
+
+/// The cells around a row of cells.
+struct Around<'a> {
+    newest: &'a Newest<'a>,
+    columns: usize,
+    rows: usize,
+    /// The last [`NEAR`] rows of cells, row y in place y modulo their number.
+    ring: &'a mut [Cell],
+    /// Of each column the sums over the rows of the square around the row.
+    sums: &'a mut [Sums],
+    /// Rows of cells that were taken in.
+    taken: usize,
+}
+
+impl<'a> Around<'a> {
+    fn new(newest: &'a Newest<'a>, ring: &'a mut [u8], words: &'a mut [u16]) -> Self {
+        let (columns, rows) = newest.slice.cells();
+        let (ring, sums) = (ring.as_chunks_mut().0, words.as_chunks_mut().0);
+        let (ring, sums) = (&mut ring[..columns * NEAR], &mut sums[..columns]);
+        sums.fill([0; 4]);
+        Self { newest, columns, rows, ring, sums, taken: 0 }
+    }
+
+    /// Moves the square down to be around row `y`, the one after that of the last call; the first is 0.
+    fn advance(&mut self, y: usize) {
+        if let Some(above) = y.checked_sub(REACH + 1) {
+            let gone = &self.ring[above % NEAR * self.columns..][..self.columns];
+            self.sums.iter_mut().zip(gone).for_each(|(all, cell)| take(all, &sums(cell)));
+        }
+        while self.taken < self.rows.min(y + REACH + 1) {
+            let newest = self.newest;
+            let row = newest.row(self.taken);
+            let cells = &mut self.ring[self.taken % NEAR * self.columns..][..self.columns];
+            for (x, (cell, all)) in cells.iter_mut().zip(self.sums.iter_mut()).enumerate() {
+                *cell = row.cell(x);
+                add(all, &sums(cell));
+            }
+            self.taken += 1;
+        }
+    }
+
+    /// The map of row `y`, around which the square is.
+    fn map_row(&self, y: usize, calm: &[u32; DIFFERENCES], out: &mut [[u8; MAP_CHANNELS]]) {
+        let cells = &self.ring[y % NEAR * self.columns..][..self.columns];
+        let down = (y + REACH + 1).min(self.rows) - y.saturating_sub(REACH);
+        let mut around = [0; 4];
+        self.sums.iter().take(REACH).for_each(|column| add(&mut around, column));
         let mut inside = (0, 0);
-        for (x, out) in row[PADDING..PADDING + columns].iter_mut().enumerate() {
-            let cx = x as i32;
-            let (around, cell) = energies.sums(cx);
-            let (fresh_around, fresh) = fresh.sums(cx);
+        for (x, (out, cell)) in out.iter_mut().zip(cells).enumerate() {
+            if let Some(column) = self.sums.get(x + REACH) {
+                add(&mut around, column);
+            }
+            if let Some(left) = x.checked_sub(REACH + 1) {
+                take(&mut around, &self.sums[left]);
+            }
             // Cells of the square that lie in the picture, and their Q18 reciprocal: they change near edges only.
-            let across = (cx + REACH + 1).min(columns as i32) - (cx - REACH).max(0);
-            let count = (across * (square.1 - square.0)) as u32;
+            let across = (x + REACH + 1).min(self.columns) - x.saturating_sub(REACH);
+            let count = (across * down) as u32;
             if inside.0 != count {
                 inside = (count, (1u32 << 18).div_ceil(count));
             }
-            let energy = RECIPROCAL[quarter_mean(around[MAGNITUDE])];
-            for (out, value) in out[..=MAGNITUDE].iter_mut().zip(cell) {
-                *out = ratio(value, energy);
-            }
-            out[7] = ROOT[(usize::from(cell[MAGNITUDE]) * 4).min(1023)];
-            let mean = (u32::from(fresh_around[0]) * inside.1) >> 16;
-            let above = i32::from(fresh[0]) * 4 - mean as i32;
-            out[8] = (128 + ((above * i32::from(energy)) >> 10)).clamp(0, 255) as u8;
-            out[9] = (128 + (above >> 1)).clamp(0, 255) as u8;
-            for i in 0..DIFFERENCES {
-                let loud = (u32::from(fresh[i + 1]) * calm[i]) >> 7;
-                out[10 + i] = ROOT[loud.min(1023) as usize];
-            }
-            let local =
-                |i: usize| ratio(fresh[i + 1], RECIPROCAL[quarter_mean(fresh_around[i + 1])]);
-            out[13] = local(1);
-            out[15] = local(0);
-            // The plain difference against the magnitude of the cell alone.
-            out[14] = ratio(fresh[3], RECIPROCAL[usize::from(cell[MAGNITUDE]) * 4]);
+            *out = map_cell(cell, &around, inside.1, calm);
         }
     }
+}
+
+/// The map of a cell with the sums over the square around it; `inside` is the Q18 reciprocal of its cells.
+#[inline(always)]
+fn map_cell(
+    cell: &Cell,
+    around: &Sums,
+    inside: u32,
+    calm: &[u32; DIFFERENCES],
+) -> [u8; MAP_CHANNELS] {
+    let [magnitude_around, grey_around, far_around, near_around] = *around;
+    let energy = RECIPROCAL[quarter_mean(magnitude_around)];
+    let mut out = [0; MAP_CHANNELS];
+    for (out, value) in out[..=MAGNITUDE].iter_mut().zip(cell) {
+        *out = ratio(*value, energy);
+    }
+    let magnitude = usize::from(cell[MAGNITUDE]);
+    let [grey, far, near, plain] = from_fn(|i| cell[GREY + i]);
+    out[7] = ROOT[(magnitude * 4).min(1023)];
+    let mean = (u32::from(grey_around) * inside) >> 16;
+    let above = i32::from(grey) * 4 - mean as i32;
+    out[8] = (128 + ((above * i32::from(energy)) >> 10)).clamp(0, 255) as u8;
+    out[9] = (128 + (above >> 1)).clamp(0, 255) as u8;
+    for (out, (difference, calm)) in out[10..13].iter_mut().zip([far, near, plain].iter().zip(calm))
+    {
+        let loud = (u32::from(*difference) * calm) >> 7;
+        *out = ROOT[loud.min(1023) as usize];
+    }
+    out[13] = ratio(near, RECIPROCAL[quarter_mean(near_around)]);
+    out[15] = ratio(far, RECIPROCAL[quarter_mean(far_around)]);
+    // The plain difference against the magnitude of the cell alone.
+    out[14] = ratio(plain, RECIPROCAL[magnitude * 4]);
+    out
 }
 
 #[cfg(test)]

@@ -183,6 +183,11 @@ impl Memory {
         Self { bytes: vec![0; config.bytes_len()], words: vec![0; config.words_len()] }
     }
 
+    /// The bytes themselves.
+    pub fn bytes(&mut self) -> &mut [u8] {
+        &mut self.bytes
+    }
+
     /// The bytes and words themselves.
     pub fn parts(&mut self) -> (&mut [u8], &mut [u16]) {
         (&mut self.bytes, &mut self.words)

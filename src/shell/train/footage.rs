@@ -4,8 +4,7 @@ use super::look::Look;
 use super::random::Random;
 use crate::cube::SLICES;
 use crate::detector::Config;
-use crate::front::{FrontEnd, KEPT};
-use crate::image::Image;
+use crate::front::{FrontEnd, REACH};
 use crate::levels::Pyramid;
 use crate::shell::clips::{self, GroundTruth, TruthBox};
 use crate::shell::error::Error;
@@ -17,7 +16,7 @@ use std::string::ToString;
 use std::vec::Vec;
 
 /// Frames before a sampled one that its cubes depend on: those of the oldest slice and of its temporal differences.
-const HISTORY: usize = SLICES - 1 + KEPT - 1;
+const HISTORY: usize = SLICES - 1 + REACH;
 
 /// Sampled frames in a row that are shown with the same look.
 const SEGMENT: usize = 6;
@@ -116,8 +115,6 @@ pub struct View<'a> {
     pub boxes: Vec<TruthBox>,
     /// Whether it is of a clip that is held back.
     pub held_back: bool,
-    /// The frame and those before it, newest first: those of a cube's slices.
-    pub frames: [Image<'a>; SLICES],
     /// The front end after the frame.
     pub front: &'a FrontEnd,
 }
@@ -161,13 +158,13 @@ pub fn visit<T: Send>(
             let (width, height) = look.size(size.width, size.height);
             let config = config(width, height);
             let mut memory = Memory::new(&config);
-            let (bytes, words) = memory.parts();
+            let bytes = memory.bytes();
             let mut front = config.front();
             let mut last = 0;
             let mut picture = Frame::default();
             for &frame in frames {
                 let slices = if selection.depth == Depth::Cube { SLICES } else { 1 };
-                let history = slices - 1 + KEPT - 1;
+                let history = slices - 1 + REACH;
                 let start = frame.saturating_sub(history).max(1);
                 if last == 0 || start > last + 1 {
                     front = config.front();
@@ -181,21 +178,13 @@ pub fn visit<T: Send>(
                         continue;
                     }
                     front.build(picture.view(), bytes, &mut || {});
-                    let (mut pyramid, frames) = front.pyramid_and_frames(bytes, words);
-                    for level in pyramid.iter_mut().filter(|l| l.level.active) {
-                        front.fill_tables(level);
-                    }
                     if number == frame {
-                        let noise = FrontEnd::noise(&pyramid);
-                        for level in pyramid.iter_mut().filter(|l| l.level.active) {
-                            front.fill_map(level, &noise);
-                        }
+                        let (pyramid, _) = front.pyramid(picture.view(), bytes);
                         let boxes = clip.truth.frame(frame as u64);
                         let view = View {
                             number: (clip.number * 4096 + frame) as u32,
                             boxes: boxes.iter().map(|b| look.truth(b, size.width)).collect(),
                             held_back: clip.held_back,
-                            frames,
                             front: &front,
                         };
                         results.extend(work(&view, &pyramid));

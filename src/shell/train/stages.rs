@@ -12,11 +12,12 @@ use super::report::{Report, Summary};
 use super::windows::{self, Table, Window, balanced};
 use super::{CubeLoss, TrainArgs};
 use crate::detector::Config;
+use crate::history::History;
 use crate::levels::Pyramid;
 use crate::model::{Model, Section};
 use crate::shell::error::Error;
 use crate::shell::interrupt;
-use crate::shell::methods::{Learner, Recipe};
+use crate::shell::methods::{Learner, Recipe, Sees};
 use crate::trees::MAX_DEPTH;
 use std::format;
 use std::ops::ControlFlow;
@@ -259,6 +260,8 @@ impl<'a> Trainer<'a> {
     /// The classifier of cubes, where there is one, and the box.
     pub fn cubes(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
         let Recipe { method, sees, .. } = self.recipe;
+        // Without older slices there is nothing to see in them.
+        let sees = if method.history == History::Half { Sees::Newest } else { sees };
         let pool = pool::cube(self.args.features, sees, method.temporal, &mut self.random(4, 0));
         let bytes = parts.encode();
         let model = Model::parse(&bytes).map_err(training)?;
