@@ -3,11 +3,12 @@
 //! Targets of every size are looked for with one window: level i shows the frame `2^(i / scales_per_octave)` times
 //! smaller. Levels of the first octave are resampled from the frame, the others are halves of those an octave finer.
 
-use crate::channels::{Difference, Newest, PADDING, Slice};
+use crate::channels::{Difference, Newest, Slice};
 use crate::cube::{SLICES, WINDOW};
 use crate::gradient::CELL;
 use crate::history::History;
 use crate::image::Image;
+use crate::map::PADDING;
 use crate::pyramid;
 use core::ops::Range;
 
@@ -283,6 +284,11 @@ impl<'a> Pyramid<'a> {
     /// The levels.
     pub fn levels(&self) -> &'a [Level] {
         self.geometry.levels()
+    }
+
+    /// Levels for each doubling of the target's size.
+    pub fn scales_per_octave(&self) -> usize {
+        self.geometry.scales_per_octave
     }
 
     /// The frames of the slices of a cube, newest first.

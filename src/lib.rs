@@ -61,11 +61,12 @@
 //! | 4 | `component` | a MAVLink component: what it hears, answers and tells (feature `mavlink`) |
 //! | 3 | `message` | MAVLink messages about traffic (feature `mavlink`) |
 //! | 3 | [`track`] | which detections are of one object, and how it moves |
+//! | 3 | [`map`] | the channels of a level, normalised: what the scan looks up |
 //! | 3 | [`cube`] | windows on the last frames: the slices of a st-cube |
 //! | 3 | [`warp`] | an older frame seen from where the camera is now, and what differs |
 //! | 2 | [`attitudes`] | the vehicle's attitude at the time of a frame |
 //! | 2 | [`camera`] | from a point in the picture to a direction, and back |
-//! | 2 | [`channels`] | gradient energies and differences of the cells of a level, and the scan's map |
+//! | 2 | [`channels`] | gradient energies and differences of the cells of a level |
 //! | 2 | [`registration`] | the motion of the background from frame to frame |
 //! | 2 | [`traffic`] | what is told to others about an object: where it is, how near, how dangerous |
 //! | 1 | [`geometry`] | directions and attitudes |
@@ -109,6 +110,7 @@ pub mod image;
 pub mod judge;
 pub mod levels;
 pub mod linear;
+pub mod map;
 #[cfg(feature = "mavlink")]
 pub mod message;
 pub mod model;

@@ -6,11 +6,11 @@
 //! [`Section::Calibration`]: it is read as an empty one.
 
 use crate::calibration::Calibration;
-use crate::channels::MAP_CHANNELS;
 use crate::cube::{SLICES, WINDOW};
 use crate::feature::Features;
 use crate::gradient::{CELL, ORIENTATIONS};
 use crate::history::History;
+use crate::map::MAP_CHANNELS;
 use crate::motion::{Alignment, Regressors};
 use crate::scan;
 use crate::trees::{Forest, ForestError};

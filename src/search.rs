@@ -2,10 +2,11 @@
 //!
 //! Maps are computed in strips of a few rows and scanned at once: a whole map would be the largest thing in memory.
 
-use crate::channels::{self, DIFFERENCES, Strip};
+use crate::channels::DIFFERENCES;
 use crate::cube::{SUBCELL, WINDOW};
 use crate::image::Rect;
 use crate::levels::{Geometry, Level, Pictures, Pyramid};
+use crate::map::{self, Strip};
 use crate::motion::Position;
 use crate::nms;
 use crate::scan::{Candidate, Map};
@@ -81,7 +82,7 @@ pub fn boxed(centre: (i32, i32), width: i32, height: i32) -> Rect {
 const fn level_scratch(level: &Level) -> (usize, usize) {
     let columns = level.cells().0;
     if level.active {
-        (channels::strip_bytes(columns, STRIP_ROWS), channels::strip_words(columns))
+        (map::strip_bytes(columns, STRIP_ROWS), map::strip_words(columns))
     } else {
         (0, 0)
     }
@@ -125,7 +126,7 @@ pub const fn noise_words(levels: &[Level]) -> usize {
     let (mut i, mut words) = (0, 0);
     while i < levels.len() {
         let (columns, rows) = levels[i].cells();
-        words = max(words, channels::noise_words(columns, rows));
+        words = max(words, map::noise_words(columns, rows));
         i += 1;
     }
     words
@@ -135,7 +136,7 @@ pub const fn noise_words(levels: &[Level]) -> usize {
 /// [`noise_words`] words.
 pub fn noise(pyramid: &Pyramid<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
     let finest = pyramid.searched().next();
-    finest.map_or([0; DIFFERENCES], |level| channels::noise(&level.newest, words))
+    finest.map_or([0; DIFFERENCES], |level| map::noise(&level.newest, words))
 }
 
 const fn max(a: usize, b: usize) -> usize {
@@ -255,7 +256,7 @@ fn scan_level(
         });
     };
     let rows = (STRIP_ROWS, WINDOW - 1);
-    channels::strips(&level.newest, noise, rows, scratch.bytes, scratch.words, scan);
+    map::strips(&level.newest, noise, rows, scratch.bytes, scratch.words, scan);
     found
 }
 

@@ -1,5 +1,6 @@
 //! The flights that are learned from: sampled frames with what the front end needs before each.
 
+use super::TrainArgs;
 use super::look::Look;
 use super::random::Random;
 use crate::cube::SLICES;
@@ -10,8 +11,8 @@ use crate::shell::clips::{self, GroundTruth, TruthBox};
 use crate::shell::error::Error;
 use crate::shell::parallel;
 use crate::shell::pipeline::Memory;
+use crate::shell::scaled::{FrameSize, Scaling};
 use crate::shell::source::{self, Frame};
-use std::path::PathBuf;
 use std::string::ToString;
 use std::vec::Vec;
 
@@ -26,8 +27,10 @@ const SEGMENT: usize = 6;
 pub struct Footage {
     /// Number among all clips.
     pub number: usize,
-    /// Its boxes.
+    /// Its boxes in the frames as recorded.
     truth: GroundTruth,
+    /// From these to the frames below.
+    scaling: Scaling,
     /// Whether it is kept back to decide when to stop, never trained on.
     pub held_back: bool,
     /// Numbers of the sampled frames, from 1.
@@ -45,19 +48,14 @@ pub enum Depth {
     Cube,
 }
 
-/// Reads the clips of `folders` and keeps about `samples` frames of each folder, evenly spread. Every `hold_back`th
-/// clip of a folder is held back (0: none).
+/// Reads the clips of all folders and keeps about so many frames of each folder as asked for, evenly spread.
 ///
 /// # Errors
 /// [`Error`] of the first clip that cannot be read.
-pub fn load(
-    folders: &[PathBuf],
-    samples: usize,
-    hold_back: usize,
-    tick: impl Fn() + Sync,
-) -> Result<Vec<Footage>, Error> {
+pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Error> {
+    let &TrainArgs { samples, hold_back, frame, .. } = args;
     let mut footage: Vec<Footage> = Vec::new();
-    for folder in folders {
+    for folder in &args.data {
         let clips = clips::clips(folder)?;
         let frames: u64 = clips.iter().map(|c| c.ground_truth.last_frame().max(1)).sum();
         let every = (frames as usize / samples.max(1)).max(1);
@@ -65,7 +63,7 @@ pub fn load(
         let numbered: Vec<_> = clips.into_iter().enumerate().collect();
         let loaded = parallel::map(numbered, |(place, clip)| {
             let held_back = is_held_back(place, hold_back);
-            let footage = read(clip, every, before + place, held_back);
+            let footage = read(clip, every, frame, before + place, held_back);
             tick();
             footage
         });
@@ -81,11 +79,18 @@ pub fn is_held_back(place: usize, hold_back: usize) -> bool {
     hold_back > 0 && place % hold_back == hold_back - 1
 }
 
-fn read(clip: clips::Clip, every: usize, number: usize, held_back: bool) -> Result<Footage, Error> {
+fn read(
+    clip: clips::Clip,
+    every: usize,
+    size: Option<FrameSize>,
+    number: usize,
+    held_back: bool,
+) -> Result<Footage, Error> {
     let mut source = source::open(&clip.input.display().to_string())?;
     let mut footage = Footage {
         number,
         truth: clip.ground_truth,
+        scaling: Scaling::new(size, 0, 0),
         held_back,
         samples: Vec::new(),
         frames: Vec::new(),
@@ -98,7 +103,12 @@ fn read(clip: clips::Clip, every: usize, number: usize, held_back: bool) -> Resu
         let next =
             if index <= first { first } else { first + (index - first).div_ceil(every) * every };
         let needed = next - index <= HISTORY;
-        footage.frames.push(if needed { frame.clone() } else { Frame::default() });
+        footage.scaling = Scaling::new(size, frame.width, frame.height);
+        let mut seen = Frame::default();
+        if needed {
+            footage.scaling.apply(&frame, &mut seen);
+        }
+        footage.frames.push(seen);
         if index == next {
             footage.samples.push(index + 1);
         }
@@ -183,7 +193,10 @@ pub fn visit<T: Send>(
                         let boxes = clip.truth.frame(frame as u64);
                         let view = View {
                             number: (clip.number * 4096 + frame) as u32,
-                            boxes: boxes.iter().map(|b| look.truth(b, size.width)).collect(),
+                            boxes: boxes
+                                .iter()
+                                .map(|b| look.truth(&clip.scaling.truth(b), size.width))
+                                .collect(),
                             held_back: clip.held_back,
                             front: &front,
                         };

@@ -12,12 +12,11 @@ use super::report::{Report, Summary};
 use super::windows::{self, Table, Window, balanced};
 use super::{CubeLoss, TrainArgs};
 use crate::detector::Config;
-use crate::history::History;
 use crate::levels::Pyramid;
 use crate::model::{Model, Section};
 use crate::shell::error::Error;
 use crate::shell::interrupt;
-use crate::shell::methods::{Learner, Recipe, Sees};
+use crate::shell::methods::{Learner, Recipe};
 use crate::trees::MAX_DEPTH;
 use std::format;
 use std::ops::ControlFlow;
@@ -57,7 +56,7 @@ impl<'a> Trainer<'a> {
     /// Reads the flights.
     pub fn load(args: &'a TrainArgs, recipe: Recipe, report: &Report) -> Result<Self, Error> {
         let bar = report.bar("reading clips", 0);
-        let footage = footage::load(&args.data, args.samples, args.hold_back, || bar.inc(1))?;
+        let footage = footage::load(args, || bar.inc(1))?;
         bar.finish_and_clear();
         Ok(Self { args, recipe, footage })
     }
@@ -260,8 +259,6 @@ impl<'a> Trainer<'a> {
     /// The classifier of cubes, where there is one, and the box.
     pub fn cubes(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
         let Recipe { method, sees, .. } = self.recipe;
-        // Without older slices there is nothing to see in them.
-        let sees = if method.history == History::Half { Sees::Newest } else { sees };
         let pool = pool::cube(self.args.features, sees, method.temporal, &mut self.random(4, 0));
         let bytes = parts.encode();
         let model = Model::parse(&bytes).map_err(training)?;

@@ -4,10 +4,10 @@ use super::boost::{Data, Samples, SamplesError};
 use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
 use super::random::Random;
-use crate::channels::{self, MAP_CHANNELS, PADDING, Strip};
 use crate::cube::SUBCELL;
 use crate::detector::Config;
 use crate::levels::Pyramid;
+use crate::map::{self, MAP_CHANNELS, PADDING, Strip};
 use crate::model::Model;
 use crate::motion::Position;
 use crate::scan::{FEATURES, Map};
@@ -15,8 +15,12 @@ use crate::search::{self, Scratch};
 use std::vec;
 use std::vec::Vec;
 
-/// Tolerance of the scan's labels: windows step by a cell, levels by half an octave.
-const TOLERANCE: Tolerance = Tolerance { distance: 0.8, scale: 0.32, far: 3.0, other_scale: 1.0 };
+/// Tolerance of the scan's labels: windows step by a cell, and half a step between levels is the farthest that a target
+/// can be from the nearest of them, and a little more.
+fn tolerance(pyramid: &Pyramid<'_>) -> Tolerance {
+    let step = 1.0 / pyramid.scales_per_octave() as f64;
+    Tolerance { distance: 0.8, scale: 0.5 * step + 0.07, far: 3.0, other_scale: 1.0 }
+}
 
 /// Values of a window's map and what it shows.
 #[derive(Debug, Clone)]
@@ -42,19 +46,12 @@ impl Maps {
         for pictures in pyramid.searched() {
             let (columns, rows) = pictures.level.cells();
             let height = rows + 2 * PADDING;
-            let mut memory = vec![0; channels::strip_bytes(columns, height)];
-            let mut words = vec![0; channels::strip_words(columns)];
-            let map = &mut bytes[usize::from(pictures.number)];
-            channels::strips(
-                &pictures.newest,
-                &noise,
-                (height, 0),
-                &mut memory,
-                &mut words,
-                |strip| {
-                    map.extend_from_slice(strip.bytes);
-                },
-            );
+            let mut memory = vec![0; map::strip_bytes(columns, height)];
+            let mut words = vec![0; map::strip_words(columns)];
+            let own = &mut bytes[usize::from(pictures.number)];
+            map::strips(&pictures.newest, &noise, (height, 0), &mut memory, &mut words, |strip| {
+                own.extend_from_slice(strip.bytes);
+            });
         }
         Self { columns: pyramid.levels().iter().map(|level| level.cells().0).collect(), bytes }
     }
@@ -86,20 +83,20 @@ fn position(x: i16, y: i16) -> Position {
 /// All windows that show a target of the frame.
 pub fn positives(view: &View<'_>, pyramid: &Pyramid<'_>) -> Vec<Window> {
     let truths = truths(&view.boxes);
-    let maps = Maps::of(pyramid);
+    let (maps, tolerance) = (Maps::of(pyramid), tolerance(pyramid));
     let mut windows = Vec::new();
     for (target, truth) in truths.iter().enumerate() {
         let Truth::Target(truth) = truth else { continue };
         for level in pyramid.searched() {
             let offset = Offset::of(truth, Position::default(), &level.level);
-            if offset.scale().abs() > TOLERANCE.scale {
+            if offset.scale().abs() > tolerance.scale {
                 continue;
             }
             let map = maps.map(usize::from(level.number));
             let place = |v: f64, count: usize| {
                 let last = count as i16 - 1 - PADDING as i16;
                 let first = -(PADDING as i16);
-                (first..=last).filter(move |&at| (v - f64::from(at)).abs() <= TOLERANCE.distance)
+                (first..=last).filter(move |&at| (v - f64::from(at)).abs() <= tolerance.distance)
             };
             for y in place(offset.y, map.windows().1) {
                 for x in place(offset.x, map.windows().0) {
@@ -123,7 +120,7 @@ pub fn random_negatives(
     random: &mut Random,
 ) -> Vec<Window> {
     let truths = truths(&view.boxes);
-    let maps = Maps::of(pyramid);
+    let (maps, tolerance) = (Maps::of(pyramid), tolerance(pyramid));
     let active: Vec<usize> = pyramid.searched().map(|level| level.number.into()).collect();
     let mut windows = Vec::new();
     for _ in 0..count {
@@ -132,7 +129,7 @@ pub fn random_negatives(
         let (columns, rows) = map.windows();
         let place = |v: usize| v as i16 - PADDING as i16;
         let (x, y) = (place(random.below(columns)), place(random.below(rows)));
-        if label(&truths, position(x, y), &pyramid.levels()[level], &TOLERANCE) == Label::Negative {
+        if label(&truths, position(x, y), &pyramid.levels()[level], &tolerance) == Label::Negative {
             windows.push(Window {
                 values: map.values(x, y),
                 target: None,
@@ -151,12 +148,12 @@ pub fn hard_negatives(
     config: &Config,
 ) -> Vec<Window> {
     let truths = truths(&view.boxes);
-    let maps = Maps::of(pyramid);
+    let (maps, tolerance) = (Maps::of(pyramid), tolerance(pyramid));
     candidates(view, pyramid, model, config)
         .iter()
         .filter(|c| {
             let level = &pyramid.levels()[usize::from(c.level)];
-            label(&truths, search::window(c), level, &TOLERANCE) == Label::Negative
+            label(&truths, search::window(c), level, &tolerance) == Label::Negative
         })
         .map(|c| Window {
             values: maps.map(usize::from(c.level)).values(c.x, c.y),
