@@ -6,10 +6,10 @@
 //! starts where the background's motion puts the object's last place, so that what is left to find is the object's
 //! motion against the background.
 
+use crate::channels::{Newest, Slice};
 use crate::cube::{Cube, Patch, SCALARS, SLICES, SUBCELL, WINDOW};
 use crate::feature::Features;
 use crate::gradient::CELL;
-use crate::integral::Integral;
 use crate::registration::Motion;
 use crate::trees::Forest;
 
@@ -102,10 +102,10 @@ impl Alignment {
 /// What the slices of a cube are cut from.
 #[derive(Debug, Clone, Copy)]
 pub struct Slices<'a> {
-    /// Tables of the level, newest first; frames not yet seen repeat the oldest.
-    pub tables: [Integral<'a>; SLICES],
-    /// Second table of the newest frame.
-    pub newest: Integral<'a>,
+    /// Frames on the level, newest first; frames not yet seen repeat the oldest. Slices that are not there stay empty.
+    pub slices: [Option<Slice<'a>>; SLICES],
+    /// The newest frame on the level.
+    pub newest: Newest<'a>,
     /// Motion of the background from the frame k ago to the one before it.
     pub motions: [Motion; SLICES - 1],
     /// Frame pixels of a pixel of the level, Q16.
@@ -169,8 +169,13 @@ pub fn compensate(
             at = Position::centred(slices.motions[k - 1].map(x, y), slices.scale);
         }
         let (origin, before) = (at, path.moves);
-        let (table, patch) = (&slices.tables[k], &mut cube.slices[k]);
-        patch.cut(table, at.x, at.y);
+        let patch = &mut cube.slices[k];
+        let Some(slice) = &slices.slices[k] else {
+            *patch = Patch::EMPTY;
+            path.positions[k] = at;
+            continue;
+        };
+        patch.cut(slice, at.x, at.y);
         for _ in 0..regressors.map_or(0, |_| MAX_MOVES) {
             let Some(regressors) = regressors else { break };
             let (h, v) = regressors.offset(patch);
@@ -187,7 +192,7 @@ pub fn compensate(
             let (dx, dy) = (next.x - at.x, next.y - at.y);
             if (dx, dy) != (0, 0) {
                 at = next;
-                patch.cut(table, at.x, at.y);
+                patch.cut(slice, at.x, at.y);
                 path.moves += 1;
             }
             if dx * dx + dy * dy <= EPSILON_SQUARED {
@@ -199,7 +204,7 @@ pub fn compensate(
         path.positions[k] = at;
         path.moved[k] = Position { x: at.x - origin.x, y: at.y - origin.y };
     }
-    cube.newest.cut(&slices.newest, path.positions[0].x, path.positions[0].y);
+    cube.newest.cut_newest(&slices.newest, path.positions[0].x, path.positions[0].y);
     cube.scalars[FIRST_SCALAR..].copy_from_slice(&path.scalars());
     path
 }

@@ -3,7 +3,7 @@
 //! What the paper compares Algorithm 1 with: pyramidal Lucas-Kanade flow says where the picture in the window was a frame
 //! before, from slice to slice. It follows what has structure, which before trees and fields is the background.
 
-use crate::cube::{Cube, SLICES};
+use crate::cube::{Cube, Patch, SLICES};
 use crate::flow;
 use crate::image::Image;
 use crate::motion::{FIRST_SCALAR, Path, Position, Slices};
@@ -118,11 +118,14 @@ pub fn follow(
             let pixels = |shift: i32| ((i64::from(shift) * i64::from(slices.scale)) >> 16) as i32;
             at = Position::centred((guess.0 + pixels(x), guess.1 + pixels(y)), slices.scale);
         }
-        cube.slices[k].cut(&slices.tables[k], at.x, at.y);
+        match &slices.slices[k] {
+            Some(slice) => cube.slices[k].cut(slice, at.x, at.y),
+            None => cube.slices[k] = Patch::EMPTY,
+        }
         path.positions[k] = at;
         path.moved[k] = Position { x: at.x - origin.x, y: at.y - origin.y };
     }
-    cube.newest.cut(&slices.newest, start.x, start.y);
+    cube.newest.cut_newest(&slices.newest, start.x, start.y);
     cube.scalars[FIRST_SCALAR..].copy_from_slice(&path.scalars());
     path
 }

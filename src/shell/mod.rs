@@ -21,6 +21,7 @@ pub mod pipeline;
 pub mod ranking;
 pub mod replay;
 pub mod report;
+pub mod scaled;
 pub mod score;
 pub mod simulate;
 pub mod source;
