@@ -8,7 +8,7 @@ use feed::Feed;
 use lookout::camera::Camera;
 use lookout::component::parameters::Parameters;
 use lookout::component::{self, Trust};
-use lookout::detector::{self, Buffers, Config, Detections, Detector, Stage};
+use lookout::detector::{self, Buffers, Config, Detections, Detector, History, Stage};
 use lookout::image::Image;
 use lookout::model::{Model, ModelError};
 use lookout::onboard::Onboard;
@@ -19,7 +19,8 @@ use mavlink::dialects::ardupilotmega::MavMessage;
 pub static MODEL: &[u8] = include_bytes!("../../../models/lookout-mini.lkm");
 
 /// What a board's memory is made for: frames of 320x240, the parts of [`MODEL`].
-pub const CONFIG: Config = Config::new(160, 120);
+pub const CONFIG: Config =
+    Config { history: History::Half, parallel: false, ..Config::new(320, 240) };
 
 /// How long before a frame that was taken messages wait at most, in microseconds.
 pub const TICK_US: i64 = 20_000;

@@ -52,7 +52,7 @@ bind_interrupts!(struct Interrupts {
 /// Runs the camera; the interrupt is of a port that the board does not use.
 static CAMERA: InterruptExecutor = InterruptExecutor::new();
 
-#[expect(unsafe_code, reason = "an interrupt's handler")]
+#[allow(unsafe_code, reason = "an interrupt's handler")]
 #[interrupt]
 unsafe fn LPUART1() {
     // SAFETY: this is the handler that `CAMERA` was started with.

@@ -26,46 +26,42 @@ const SETUP: [(u8, u8); 12] = [
     // COM4, CLKRC: 12 MHz times 4, divided by 5: 576 x 278 pixels of two bytes, blanking included, 30 times a second.
     (0x0D, 0x41),
     (0x11, 0x84),
-    // HSTART, HSIZE, VSTRT, VSIZE: the part of the array that is read, in units of 4, 4, 2 and 2 pixels.
-    (0x17, 252 / 4),
-    (0x18, 320 / 4),
-    (0x19, 6 / 2),
-    (0x1A, 240 / 2),
+    // HSTART, HSIZE, VSTRT, VSIZE: the part of the array that is read, in units of 4, 4, 2 and 2 pixels: 320 from 252 on in
+    // each row, 240 rows from the sixth on.
+    (0x17, 63),
+    (0x18, 80),
+    (0x19, 3),
+    (0x1A, 120),
     // HREF, HOUTSIZE, VOUTSIZE: what is left of those numbers, and what is sent of the part.
     (0x32, 0x00),
-    (0x29, 320 / 4),
-    (0x2C, 240 / 2),
+    (0x29, 80),
+    (0x2C, 120),
     // EXHCH: what is left of those.
     (0x2A, 0x00),
 ];
 
-/// Why there are no pictures.
+/// The sensor does not answer, or another one does.
 #[derive(Debug)]
-pub enum Error {
-    /// The sensor does not answer.
-    Bus(BusError),
-    /// Another sensor answers.
-    Product([u8; 2]),
-}
+pub struct Missing;
 
-impl From<BusError> for Error {
-    fn from(error: BusError) -> Self {
-        Self::Bus(error)
+impl From<BusError> for Missing {
+    fn from(_: BusError) -> Self {
+        Self
     }
 }
 
 /// Lets the sensor, whose clock runs, send frames.
 ///
 /// # Errors
-/// [`Error`]; the sensor may be half set up.
-pub async fn start(bus: &mut I2c<'_, Blocking, Master>) -> Result<(), Error> {
+/// [`Missing`]; the sensor may be half set up.
+pub async fn start(bus: &mut I2c<'_, Blocking, Master>) -> Result<(), Missing> {
     let mut product = [0; 2];
     for (register, value) in PRODUCT.iter().zip(product.chunks_exact_mut(1)) {
         bus.blocking_write(ADDRESS, &[*register])?;
         bus.blocking_read(ADDRESS, value)?;
     }
     if product != OV7725 {
-        return Err(Error::Product(product));
+        return Err(Missing);
     }
     bus.blocking_write(ADDRESS, &[RESET.0, RESET.1])?;
     Timer::after_millis(5).await;
