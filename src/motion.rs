@@ -413,6 +413,19 @@ mod tests {
     }
 
     #[test]
+    fn slices_that_are_not_there_stay_empty_and_on_the_background() {
+        let pictures = [picture(|x, y| (x * y) as u8)];
+        let mut slices = slices(&pictures, [translation(768, 0); SLICES - 1], 65536);
+        let all = compensate(&slices, None, Position { x: 40, y: 40 }, &mut empty());
+        slices.slices[1..].fill(None);
+        let mut cube = empty();
+        cube.slices[2].cut(&slices.slices[0].unwrap(), 40, 40);
+        assert_eq!(compensate(&slices, None, Position { x: 40, y: 40 }, &mut cube), all);
+        let energy = |k: usize| cube.slices[k].sum(MAGNITUDE, 0, 0, WINDOW, WINDOW);
+        assert!(energy(0) > 0 && (1..SLICES).all(|k| energy(k) == 0));
+    }
+
+    #[test]
     fn the_object_stays_in_the_middle() {
         // A square of 4 cells that flies 2 cells to the right and 1 up a frame before a still background.
         let corner = |k: i32| (20 - 2 * k, 14 + k);
