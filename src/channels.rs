@@ -176,3 +176,129 @@ impl NewestRow<'_> {
         [a, b, c, d, e, f, magnitude, grey, far, near, plain]
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// The pictures of a level: grey, far, near and plain difference.
+    #[derive(Debug, Clone)]
+    pub(crate) struct Level {
+        size: (usize, usize),
+        halved: bool,
+        pixels: [Vec<u8>; 4],
+    }
+
+    impl Level {
+        /// Pictures of `width` x `height` pixels with these values; of halved differences every second counts.
+        pub(crate) fn new(
+            width: usize,
+            height: usize,
+            halved: bool,
+            pixel: impl Fn(usize, usize) -> [u8; 4],
+        ) -> Self {
+            let step = |i: usize| if halved && i > 0 { 2 } else { 1 };
+            let pixels = core::array::from_fn(|i| {
+                let (width, height) = (width / step(i), height / step(i));
+                let place = |n: usize| pixel(n % width * step(i), n / width * step(i))[i];
+                (0..width * height).map(place).collect()
+            });
+            Self { size: (width, height), halved, pixels }
+        }
+
+        /// Changes a pixel of pictures of one size.
+        pub(crate) fn set(&mut self, x: usize, y: usize, values: [u8; 4]) {
+            let place = y * self.size.0 + x;
+            self.pixels.iter_mut().zip(values).for_each(|(pixels, value)| pixels[place] = value);
+        }
+
+        pub(crate) fn newest(&self) -> Newest<'_> {
+            let (width, height) = self.size;
+            let shift = u32::from(self.halved);
+            let difference = |i: usize| Difference {
+                picture: Image::packed(&self.pixels[i], width >> shift, height >> shift).unwrap(),
+                halved: self.halved,
+            };
+            let grey = Image::packed(&self.pixels[0], width, height).unwrap();
+            let slice = Slice { grey, near: difference(2) };
+            Newest { slice, far: difference(1), plain: difference(3) }
+        }
+    }
+
+    prop_compose! {
+        /// A level of noise, of few values, or plain.
+        pub(crate) fn level()(
+            width in 2..48usize, height in 2..40usize, halved: bool, few in 0..3u8,
+            values in prop::collection::vec(any::<[u8; 4]>(), 211),
+        ) -> Level {
+            Level::new(width, height, halved, |x, y| match few {
+                0 => values[(y * width + x * 7) % values.len()],
+                1 => values[(y / 5 * width + x / 3) % values.len()].map(|v| v / 32),
+                _ => values[0],
+            })
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn squares_are_cells_of_the_whole_level(level in level(), x in -14..30i32, y in -14..25i32) {
+            let newest = level.newest();
+            let (columns, rows) = newest.slice.cells();
+            let first: Square<11> = newest.slice.square(x, y);
+            let second: Square<11> = newest.square(x, y);
+            for (j, (first, second)) in first.iter().zip(&second).enumerate() {
+                for (i, (first, second)) in first.iter().zip(second).enumerate() {
+                    let (cx, cy) = (x + i as i32, y + j as i32);
+                    let inside = (0..columns as i32).contains(&cx) && (0..rows as i32).contains(&cy);
+                    if !inside {
+                        prop_assert_eq!((first, second), (&[0; 8], &[0; 8]));
+                        continue;
+                    }
+                    let (cx, cy) = (cx as usize, cy as usize);
+                    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = newest.row(cy).cell(cx);
+                    prop_assert_eq!(first, &[a, b, c, d, e, f, magnitude, near]);
+                    prop_assert_eq!(second, &[grey, far, near, plain, 0, 0, 0, 0]);
+                }
+            }
+        }
+
+        #[test]
+        fn cells_agree_with_f64(level in level()) {
+            let newest = level.newest();
+            let (columns, rows) = newest.slice.cells();
+            for (x, y) in (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))) {
+                let cell = newest.row(y).cell(x);
+                let energies = CellRow::new(&newest.slice.grey, y).energies(x);
+                prop_assert_eq!(&cell[..=MAGNITUDE], &energies);
+                let mean = |i: usize, step: usize| {
+                    let (width, side) = (level.size.0 / (2 / step), step);
+                    let pixel = |n: usize| f64::from(level.pixels[i][(side * y + n / side) * width + side * x + n % side]);
+                    (0..side * side).map(pixel).sum::<f64>() / (side * side) as f64
+                };
+                prop_assert_eq!(f64::from(cell[GREY]), (mean(0, 2) + 0.5).floor());
+                let step = if level.halved { 1 } else { 2 };
+                for i in 1..4 {
+                    prop_assert_eq!(f64::from(cell[GREY + i]), (4.0 * mean(i, step)).min(255.0));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_halved_picture_may_lack_the_last_cells() {
+        let level = Level::new(4, 4, true, |_, _| [9, 10, 20, 30]);
+        let mut newest = level.newest();
+        newest.far.picture = Image::packed(&[10], 1, 1).unwrap();
+        let cell = |x: usize, y: usize| newest.row(y).differences(x);
+        assert_eq!(
+            [cell(0, 0), cell(1, 0), cell(0, 1)],
+            [[40, 80, 120], [0, 80, 120], [0, 80, 120]]
+        );
+        let plain = vec![255; 16];
+        newest.far = Difference { picture: Image::packed(&plain, 4, 4).unwrap(), halved: false };
+        assert_eq!(newest.row(1).differences(1), [255, 80, 120]);
+    }
+}

@@ -118,6 +118,7 @@ impl Cube {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::channels::tests::level;
     use proptest::prelude::*;
 
     /// Cuts a patch out of a level of `columns` cells in a row.
@@ -161,6 +162,24 @@ pub(crate) mod tests {
                 }
             }
             prop_assert_eq!(i64::from(patch.sum(3, bx, by, x1, y1)), naive);
+        }
+
+        #[test]
+        fn patches_of_pictures_are_those_of_their_cells(level in level(), x in -60..100i32, y in -60..80i32) {
+            let newest = level.newest();
+            let (columns, rows) = newest.slice.cells();
+            let all = |second: bool| -> std::vec::Vec<[u8; CHANNELS]> {
+                let place = |n: usize| (n % columns, n / columns);
+                (0..columns * rows).map(place).map(|(x, y)| {
+                    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = newest.row(y).cell(x);
+                    if second { [grey, far, near, plain, 0, 0, 0, 0] } else { [a, b, c, d, e, f, magnitude, near] }
+                }).collect()
+            };
+            let (mut first, mut second) = (Patch::EMPTY, Patch::EMPTY);
+            first.cut(&newest.slice, x, y);
+            second.cut_newest(&newest, x, y);
+            prop_assert_eq!(first.corners, cut(&all(false), columns, x, y).corners);
+            prop_assert_eq!(second.corners, cut(&all(true), columns, x, y).corners);
         }
     }
 }

@@ -151,6 +151,12 @@ impl Method {
             history,
         })
     }
+
+    /// What the header of a model file says, at compile time too, where the size of static memory depends on it. The
+    /// file itself is checked by [`Model::parse`].
+    pub const fn of_header(file: &[u8]) -> Option<Self> {
+        if file.len() < 28 { None } else { Self::decode([file[25], file[26], file[27]]) }
+    }
 }
 
 /// Why bytes are not a model.
@@ -263,8 +269,7 @@ impl<'m> Model<'m> {
         if word(bytes, 16) as u32 != checksum(&bytes[20..]) {
             return Err(ModelError::Checksum);
         }
-        let method = Method::decode([bytes[25], bytes[26], bytes[27]]);
-        let Some(method) = method.filter(|_| bytes[20..25] == GEOMETRY) else {
+        let Some(method) = Method::of_header(bytes).filter(|_| bytes[20..25] == GEOMETRY) else {
             return Err(ModelError::Geometry);
         };
         let mut sections = [&[][..]; Section::ALL.len()];

@@ -54,7 +54,6 @@ pub fn assemble(sections: &Sections) -> Vec<u8> {
     bytes.extend([0; 10]);
     bytes.extend(GEOMETRY);
     bytes.extend(METHOD.encode());
-    bytes.push(0);
     sections.iter().for_each(|s| bytes.extend((s.len() as u32).to_le_bytes()));
     sections.iter().for_each(|s| bytes.extend(s));
     repair(&mut bytes);
