@@ -7,20 +7,22 @@ mod feed;
 use feed::Feed;
 use lookout::camera::Camera;
 use lookout::component::parameters::Parameters;
-use lookout::component::{self, Trust};
-use lookout::detector::{self, Buffers, Config, Detections, Detector, History, Stage};
+use lookout::component::Trust;
+use lookout::detector::{self, Buffers, Config, Detections, Detector, Stage};
 use lookout::image::Image;
-use lookout::model::{Model, ModelError};
+use lookout::model::{Method, Model, ModelError};
 use lookout::onboard::Onboard;
 use mavlink::MavlinkReader;
 use mavlink::dialects::ardupilotmega::MavMessage;
 
 /// The model in flash.
-pub static MODEL: &[u8] = include_bytes!("../../../models/lookout-mini.lkm");
+pub const MODEL: &[u8] = include_bytes!("../../../models/lookout-mini.lkm");
 
-/// What a board's memory is made for: frames of 320x240, the parts of [`MODEL`].
-pub const CONFIG: Config =
-    Config { history: History::Half, parallel: false, ..Config::new(320, 240) };
+/// Frames of 320x240, the parts of [`MODEL`]: what a board's memory is made for.
+pub const CONFIG: Config = match Method::of_header(MODEL) {
+    Some(method) => Config::of_method(320, 240, method),
+    None => panic!("models/lookout-mini.lkm names no method"),
+};
 
 /// How long before a frame that was taken messages wait at most, in microseconds.
 pub const TICK_US: i64 = 20_000;
@@ -48,7 +50,7 @@ impl Default for Memory {
     }
 }
 
-/// Why the lookout cannot start.
+/// Why there is no detector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Error {
     /// The model in flash is damaged.
@@ -77,23 +79,27 @@ pub struct Firmware<'b> {
     sequences: [u8; 256],
 }
 
+/// The detector with [`MODEL`].
+///
+/// # Errors
+/// [`Error`], when the firmware was built wrongly.
+pub fn detector(memory: &mut Memory) -> Result<Detector<'static, '_>, Error> {
+    let model = Model::parse(MODEL).map_err(Error::Model)?;
+    let buffers = Buffers { bytes: &mut memory.bytes, words: &mut memory.words };
+    Detector::new(&model, CONFIG, buffers).map_err(Error::Memory)
+}
+
 impl<'b> Firmware<'b> {
     /// Has seen and heard nothing yet. Times are microseconds of one clock, here and below.
-    ///
-    /// # Errors
-    /// [`Error`], when the firmware was built wrongly.
-    pub fn new(memory: &'b mut Memory, camera: Camera, now_us: i64) -> Result<Self, Error> {
-        let model = Model::parse(MODEL).map_err(Error::Model)?;
-        let config = Config::of_method(CONFIG.width, CONFIG.height, model.method());
-        let buffers = Buffers { bytes: &mut memory.bytes, words: &mut memory.words };
-        let detector = Detector::new(&model, config, buffers).map_err(Error::Memory)?;
-        let component = component::Config::default();
-        Ok(Self {
+    // What is copied while it is made must not stay on the stack of the caller, who never returns.
+    #[inline(never)]
+    pub fn new(detector: Detector<'static, 'b>, camera: Camera, now_us: i64) -> Self {
+        Self {
             detector,
-            onboard: Onboard::new(camera, component, Parameters::default(), now_us),
+            onboard: Onboard::new(camera, Default::default(), Parameters::default(), now_us),
             reader: MavlinkReader::new(Feed::new()),
             sequences: [0; 256],
-        })
+        }
     }
 
     /// Hears bytes that came over the line until `now_us`.

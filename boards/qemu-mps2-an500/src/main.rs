@@ -21,6 +21,7 @@ use lookout::image::Image;
 use semihosting::fs::File;
 use semihosting::io::Read;
 use semihosting::{eprintln, print, println, process};
+use static_cell::StaticCell;
 use tlog::Tlog;
 use uart::Uart;
 
@@ -46,7 +47,8 @@ fn main() -> ! {
 
 /// Replays the flight in the folder that QEMU was started in (frames.grey, one frame after the other, and flight.tlog) on
 /// the clock of its frames, as `lookout replay` does, and tells `run` of it in a line of JSON.
-fn replay(memory: &mut Memory, pixels: &mut [u8; PIXELS]) {
+fn replay(memory: &'static mut Memory, pixels: &mut [u8; PIXELS]) {
+    static LOOKOUT: StaticCell<Firmware<'_>> = StaticCell::new();
     let open = |name| File::open(name).unwrap_or_else(|error| fail("a file of the flight", &error));
     let mut frames = open(c"frames.grey");
     let mut log = Tlog::new(open(c"flight.tlog")).unwrap_or_else(|e| fail("flight.tlog", &e));
@@ -57,7 +59,8 @@ fn replay(memory: &mut Memory, pixels: &mut [u8; PIXELS]) {
     let mut uart = Uart::new();
     let camera = Camera::from_field_of_view(CONFIG.width as u32, CONFIG.height as u32, VIEW)
         .unwrap_or_else(|error| fail("camera", &error));
-    let mut lookout = Firmware::new(memory, camera, 0).unwrap_or_else(|error| fail("model", &error));
+    let detector = firmware::detector(memory).unwrap_or_else(|error| fail("detector", &error));
+    let lookout = LOOKOUT.init_with(|| Firmware::new(detector, camera, 0));
 
     let (mut digest, mut detections) = (Digest::default(), 0);
     let (mut number, mut now_us) = (0, 0);

@@ -66,6 +66,7 @@ fn now_us() -> i64 {
 #[embassy_executor::main]
 async fn main(_spawner: Spawner) -> ! {
     static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
+    static LOOKOUT: StaticCell<Firmware<'_>> = StaticCell::new();
     static FRAMES: StaticCell<Channel<'_, CriticalSectionRawMutex, Frame>> = StaticCell::new();
     static SENT: ConstStaticCell<[u8; WAITING]> = ConstStaticCell::new([0; WAITING]);
     static HEARD: ConstStaticCell<[u8; WAITING]> = ConstStaticCell::new([0; WAITING]);
@@ -109,7 +110,8 @@ async fn main(_spawner: Spawner) -> ! {
     let mut line = line.expect("the rate is one that USART 3 has");
     let view = lookout::camera::Camera::from_field_of_view(CONFIG.width as u32, CONFIG.height as u32, VIEW);
     let view = view.expect("an angle that a lens has");
-    let mut lookout = Firmware::new(MEMORY.take(), view, now_us()).expect("tried before it was flashed");
+    let detector = firmware::detector(MEMORY.take()).expect("tried before it was flashed");
+    let lookout = LOOKOUT.init_with(|| Firmware::new(detector, view, now_us()));
     let mut watchdog = IndependentWatchdog::new(p.IWDG1, WATCHDOG_US);
     watchdog.unleash();
     loop {
