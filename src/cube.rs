@@ -127,8 +127,8 @@ pub(crate) mod tests {
         let cell = |i: usize, j: usize| {
             let (x, y) = (left + i as i32, top + j as i32);
             let inside = (0..columns as i32).contains(&x) && y >= 0;
-            let place = y as usize * columns + x as usize;
-            cells.get(place).filter(|_| inside).copied().unwrap_or_default()
+            let place = || y as usize * columns + x as usize;
+            inside.then(|| cells.get(place())).flatten().copied().unwrap_or_default()
         };
         let mut patch = Patch::EMPTY;
         patch.sum_up(&core::array::from_fn(|j| core::array::from_fn(|i| cell(i, j))), part);

@@ -283,14 +283,8 @@ impl<'m, 'b> Detector<'m, 'b> {
         let (pyramid, scratch) = front.pyramid(frame, buffers.bytes);
         observer(Stage::Channels);
         let scratch = Scratch { bytes: scratch, words: buffers.words };
-        let (candidates, Counts { windows, kept, dropped }) = search::search(
-            model.scan(),
-            front.geometry(),
-            &pyramid,
-            config.candidates,
-            config.parallel,
-            scratch,
-        );
+        let (candidates, Counts { windows, kept, dropped }) =
+            search::search(model.scan(), &pyramid, config.candidates, config.parallel, scratch);
         observer(Stage::Scan);
         let mut detections = Detections {
             registered: front.registered(),

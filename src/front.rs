@@ -105,11 +105,6 @@ impl FrontEnd {
         Divided { frames, halves, coarse, levels, scratch }
     }
 
-    /// The levels.
-    pub fn geometry(&self) -> &Geometry {
-        &self.geometry
-    }
-
     /// The age of the oldest frame seen, if `age` is older.
     fn seen(&self, age: usize) -> usize {
         age.min(self.seen.saturating_sub(1))

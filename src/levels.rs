@@ -148,6 +148,11 @@ impl Geometry {
         self.levels.split_at(self.count).0
     }
 
+    /// Levels for each doubling of the target's size.
+    pub const fn scales_per_octave(&self) -> usize {
+        self.scales_per_octave
+    }
+
     /// What is kept of older frames.
     pub const fn history(&self) -> History {
         self.history
@@ -286,9 +291,9 @@ impl<'a> Pyramid<'a> {
         self.geometry.levels()
     }
 
-    /// Levels for each doubling of the target's size.
-    pub fn scales_per_octave(&self) -> usize {
-        self.geometry.scales_per_octave
+    /// Size and place of all levels.
+    pub fn geometry(&self) -> &'a Geometry {
+        self.geometry
     }
 
     /// The frames of the slices of a cube, newest first.

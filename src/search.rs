@@ -147,13 +147,12 @@ const fn max(a: usize, b: usize) -> usize {
 /// for, where there are threads for it. The result is the same. Panics if `scratch` is too small for it.
 pub fn search(
     cascade: &Forest<'_>,
-    geometry: &Geometry,
     pyramid: &Pyramid<'_>,
     most: usize,
     parallel: bool,
     scratch: Scratch<'_>,
 ) -> (Candidates, Counts) {
-    let (found, strips) = scratch.words.split_at_mut(candidate_words(geometry));
+    let (found, strips) = scratch.words.split_at_mut(candidate_words(pyramid.geometry()));
     let noise = noise(pyramid, found);
     let (found, _) = found.as_chunks_mut();
     let (mut length, mut counts) = (0, Counts::default());

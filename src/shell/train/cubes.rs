@@ -97,7 +97,7 @@ pub fn cubes(
     random: &mut Random,
 ) -> Vec<Row> {
     let truths = truths(&view.boxes);
-    let found = windows::candidates(view, pyramid, model, config);
+    let found = windows::candidates(pyramid, model, config);
     let mut candidates: Vec<(Candidate, Position, bool)> =
         found.iter().map(|c| (*c, search::window(c), true)).collect();
     for truth in &truths {

@@ -18,7 +18,7 @@ use std::vec::Vec;
 /// Tolerance of the scan's labels: windows step by a cell, and half a step between levels is the farthest that a target
 /// can be from the nearest of them, and a little more.
 fn tolerance(pyramid: &Pyramid<'_>) -> Tolerance {
-    let step = 1.0 / pyramid.scales_per_octave() as f64;
+    let step = 1.0 / pyramid.geometry().scales_per_octave() as f64;
     Tolerance { distance: 0.8, scale: 0.5 * step + 0.07, far: 3.0, other_scale: 1.0 }
 }
 
@@ -62,17 +62,12 @@ impl Maps {
 }
 
 /// The windows that the model's scan hands on, best first.
-pub fn candidates(
-    view: &View<'_>,
-    pyramid: &Pyramid<'_>,
-    model: &Model<'_>,
-    config: &Config,
-) -> search::Candidates {
-    let geometry = view.front.geometry();
+pub fn candidates(pyramid: &Pyramid<'_>, model: &Model<'_>, config: &Config) -> search::Candidates {
+    let geometry = pyramid.geometry();
     let mut bytes = vec![0; search::bytes_len(geometry, false)];
     let mut words = vec![0; search::words_len(geometry, false)];
     let scratch = Scratch { bytes: &mut bytes, words: &mut words };
-    search::search(model.scan(), geometry, pyramid, config.candidates, false, scratch).0
+    search::search(model.scan(), pyramid, config.candidates, false, scratch).0
 }
 
 /// The position of the scan's window (x, y) in cells.
@@ -149,7 +144,7 @@ pub fn hard_negatives(
 ) -> Vec<Window> {
     let truths = truths(&view.boxes);
     let (maps, tolerance) = (Maps::of(pyramid), tolerance(pyramid));
-    candidates(view, pyramid, model, config)
+    candidates(pyramid, model, config)
         .iter()
         .filter(|c| {
             let level = &pyramid.levels()[usize::from(c.level)];
