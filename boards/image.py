@@ -5,13 +5,15 @@ import re
 import struct
 from collections import Counter
 
-ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 WRITE, ALLOC = 1, 2  # flags of a section
 NOBITS = 8  # type of a section that is not in the file
 
 
 class Image:
-    def __init__(self, path):
+    def __init__(self, path, package):
+        """`package` is the folder of the board, in which its own source files are."""
+        self.package = package
         with open(path, "rb") as file:
             self.bytes = file.read()
         assert self.bytes[:6] == b"\x7fELF\x01\x01", f"{path}: no 32-bit little-endian ELF"
@@ -53,14 +55,14 @@ class Image:
                 # The name may have a zero behind it that its length counts or not.
                 file = self.read(name, length).rstrip(b"\0")
                 if re.fullmatch(rb"[ -~]+\.rs", file):
-                    places[place(file.decode(), line)] += 1
+                    places[place(self.package, file.decode(), line)] += 1
         return places
 
 
-def place(file, line):
+def place(package, file, line):
     """A place that stays the same when lines are added elsewhere: ours by what the line says, others by their file."""
-    full = os.path.join(ROOT, file)
-    if os.path.realpath(full).startswith(ROOT + os.sep) and os.path.exists(full):
+    full = os.path.realpath(os.path.join(package, file))
+    if full.startswith(ROOT + os.sep) and os.path.exists(full):
         with open(full) as source:
             return f"{os.path.relpath(full, ROOT)}: {source.read().splitlines()[line - 1].strip()}"
     for before in ("/library/", "/registry/src/"):

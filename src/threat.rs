@@ -50,17 +50,20 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self {
-            wingspan: ONE,
-            wingspan_sigma: ratio(7, 10),
-            warning_time: Real::lit("6"),
-            caution_time: Real::lit("12"),
-            warning_distance: Real::lit("6"),
-            caution_distance: Real::lit("12"),
-            known: Real::lit("2"),
-            sure: Real::lit("3"),
-            persistence_us: 300_000,
-            hold_us: 2_000_000,
+        // At compile time, so that a board needs no code to read numbers.
+        const {
+            Self {
+                wingspan: ONE,
+                wingspan_sigma: ratio(7, 10),
+                warning_time: Real::lit("6"),
+                caution_time: Real::lit("12"),
+                warning_distance: Real::lit("6"),
+                caution_distance: Real::lit("12"),
+                known: Real::lit("2"),
+                sure: Real::lit("3"),
+                persistence_us: 300_000,
+                hold_us: 2_000_000,
+            }
         }
     }
 }

@@ -6,7 +6,7 @@ use lookout::detector::Detections;
 use lookout::image::Rect;
 use lookout::shell::camera::CameraFile;
 use lookout::shell::link::Links;
-use lookout::shell::onboard::Onboard;
+use lookout::onboard::Onboard;
 use lookout::shell::pipeline::{DetectorArgs, Memory, ModelFile};
 use lookout::shell::simulate::{Kind, SimulateSettings, Simulator, Telemetry};
 use lookout::shell::source::{Frame, FrameSource, Simulated};

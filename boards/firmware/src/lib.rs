@@ -6,14 +6,15 @@ mod feed;
 
 use feed::Feed;
 use lookout::camera::Camera;
-use lookout::component::parameters::Parameters;
 use lookout::component::Trust;
+use lookout::component::parameters::Parameters;
 use lookout::detector::{self, Buffers, Config, Detections, Detector, Stage};
 use lookout::image::Image;
 use lookout::model::{Method, Model, ModelError};
 use lookout::onboard::Onboard;
 use mavlink::MavlinkReader;
 use mavlink::dialects::ardupilotmega::MavMessage;
+use static_cell::{ConstStaticCell, StaticCell};
 
 /// The model in flash.
 pub const MODEL: &[u8] = include_bytes!("../../../models/lookout-mini.lkm");
@@ -30,27 +31,13 @@ pub const TICK_US: i64 = 20_000;
 /// The only link, the serial line.
 const LINE: u8 = 0;
 
-/// The detector's memory, for a board to place.
-#[derive(Debug)]
-pub struct Memory {
+/// The detector's memory.
+struct Memory {
     bytes: [u8; CONFIG.bytes_len()],
     words: [u16; CONFIG.words_len()],
 }
 
-impl Memory {
-    /// Zeros, so that it needs no room in flash.
-    pub const fn new() -> Self {
-        Self { bytes: [0; CONFIG.bytes_len()], words: [0; CONFIG.words_len()] }
-    }
-}
-
-impl Default for Memory {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-/// Why there is no detector.
+/// Why the lookout cannot start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Error {
     /// The model in flash is damaged.
@@ -71,35 +58,38 @@ impl core::fmt::Display for Error {
 impl core::error::Error for Error {}
 
 /// The lookout on a board.
-pub struct Firmware<'b> {
-    detector: Detector<'static, 'b>,
+pub struct Firmware {
+    detector: Detector<'static, 'static>,
     onboard: Onboard,
     reader: MavlinkReader<Feed>,
     /// Number of the next frame of MAVLink, of each component that speaks.
     sequences: [u8; 256],
 }
 
-/// The detector with [`MODEL`].
-///
-/// # Errors
-/// [`Error`], when the firmware was built wrongly.
-pub fn detector(memory: &mut Memory) -> Result<Detector<'static, '_>, Error> {
-    let model = Model::parse(MODEL).map_err(Error::Model)?;
-    let buffers = Buffers { bytes: &mut memory.bytes, words: &mut memory.words };
-    Detector::new(&model, CONFIG, buffers).map_err(Error::Memory)
-}
-
-impl<'b> Firmware<'b> {
-    /// Has seen and heard nothing yet. Times are microseconds of one clock, here and below.
+impl Firmware {
+    /// The one that there is, which has seen and heard nothing yet. Times are microseconds of one clock, here and below.
+    /// Panics when called again.
+    ///
+    /// # Errors
+    /// [`Error`], when the firmware was built wrongly.
     // What is copied while it is made must not stay on the stack of the caller, who never returns.
     #[inline(never)]
-    pub fn new(detector: Detector<'static, 'b>, camera: Camera, now_us: i64) -> Self {
-        Self {
+    pub fn start(camera: Camera, now_us: i64) -> Result<&'static mut Self, Error> {
+        static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory {
+            bytes: [0; CONFIG.bytes_len()],
+            words: [0; CONFIG.words_len()],
+        });
+        static FIRMWARE: StaticCell<Firmware> = StaticCell::new();
+        let model = Model::parse(MODEL).map_err(Error::Model)?;
+        let Memory { bytes, words } = MEMORY.take();
+        let buffers = Buffers { bytes, words };
+        let detector = Detector::new(&model, CONFIG, buffers).map_err(Error::Memory)?;
+        Ok(FIRMWARE.init_with(|| Self {
             detector,
             onboard: Onboard::new(camera, Default::default(), Parameters::default(), now_us),
             reader: MavlinkReader::new(Feed::new()),
             sequences: [0; 256],
-        }
+        }))
     }
 
     /// Hears bytes that came over the line until `now_us`.
@@ -124,9 +114,12 @@ impl<'b> Firmware<'b> {
         observer: &mut dyn FnMut(Stage),
         clock: impl FnOnce() -> i64,
     ) -> Result<Detections, detector::Error> {
-        let found = self.detector.process_observed(frame, time_us, observer)?;
-        self.onboard.see(&found, time_us, clock());
-        Ok(found)
+        // Four kilobytes, which are not to be moved about on a small stack.
+        let found = self.detector.process_observed(frame, time_us, observer);
+        if let Ok(found) = &found {
+            self.onboard.see(found, time_us, clock());
+        }
+        found
     }
 
     /// Writes what there is to say, frame by frame; to be called every [`TICK_US`] or so.

@@ -31,7 +31,9 @@ impl Counter {
         // A loop of two instructions.
         asm::delay(TRIED / 2);
         let counted = counter.lap();
-        counted.is_some_and(|n| n.abs_diff(u64::from(TRIED)) < u64::from(TRIED / 100)).then_some(counter)
+        counted
+            .is_some_and(|n| n.abs_diff(u64::from(TRIED)) < u64::from(TRIED / 100))
+            .then_some(counter)
     }
 
     /// Instructions since the last call. `None` when they are more than SysTick can count, 671 million.

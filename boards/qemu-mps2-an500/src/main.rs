@@ -9,10 +9,10 @@ mod tlog;
 mod uart;
 
 use core::fmt::Display;
-use counter::Counter;
 use cortex_m::Peripherals;
 use cortex_m_rt::entry;
-use firmware::{CONFIG, Firmware, Memory, TICK_US};
+use counter::Counter;
+use firmware::{CONFIG, Firmware, TICK_US};
 use lookout::angle::{PI, Real};
 use lookout::camera::Camera;
 use lookout::detector::Stage;
@@ -21,7 +21,6 @@ use lookout::image::Image;
 use semihosting::fs::File;
 use semihosting::io::Read;
 use semihosting::{eprintln, print, println, process};
-use static_cell::StaticCell;
 use tlog::Tlog;
 use uart::Uart;
 
@@ -39,16 +38,14 @@ const VIEW: Real = PI.strict_div_int(3);
 
 #[entry]
 fn main() -> ! {
-    static mut MEMORY: Memory = Memory::new();
     static mut FRAME: [u8; PIXELS] = [0; PIXELS];
-    replay(MEMORY, FRAME);
+    replay(FRAME);
     process::exit(0)
 }
 
 /// Replays the flight in the folder that QEMU was started in (frames.grey, one frame after the other, and flight.tlog) on
 /// the clock of its frames, as `lookout replay` does, and tells `run` of it in a line of JSON.
-fn replay(memory: &'static mut Memory, pixels: &mut [u8; PIXELS]) {
-    static LOOKOUT: StaticCell<Firmware<'_>> = StaticCell::new();
+fn replay(pixels: &mut [u8; PIXELS]) {
     let open = |name| File::open(name).unwrap_or_else(|error| fail("a file of the flight", &error));
     let mut frames = open(c"frames.grey");
     let mut log = Tlog::new(open(c"flight.tlog")).unwrap_or_else(|e| fail("flight.tlog", &e));
@@ -59,8 +56,7 @@ fn replay(memory: &'static mut Memory, pixels: &mut [u8; PIXELS]) {
     let mut uart = Uart::new();
     let camera = Camera::from_field_of_view(CONFIG.width as u32, CONFIG.height as u32, VIEW)
         .unwrap_or_else(|error| fail("camera", &error));
-    let detector = firmware::detector(memory).unwrap_or_else(|error| fail("detector", &error));
-    let lookout = LOOKOUT.init_with(|| Firmware::new(detector, camera, 0));
+    let lookout = Firmware::start(camera, 0).unwrap_or_else(|error| fail("detector", &error));
 
     let (mut digest, mut detections) = (Digest::default(), 0);
     let (mut number, mut now_us) = (0, 0);
@@ -87,12 +83,15 @@ fn replay(memory: &'static mut Memory, pixels: &mut [u8; PIXELS]) {
             lookout.speak(now_us, |bytes| uart.write(bytes));
         }
         work.others = lap();
-        let found = lookout
-            .see(frame, time_us, &mut |stage| work.stages[stage as usize] = lap(), || done_us)
-            .unwrap_or_else(|error| fail("frame", &error));
+        let mut observer = |stage| work.stages[stage as usize] = lap();
+        match &lookout.see(frame, time_us, &mut observer, || done_us) {
+            Ok(found) => {
+                digest.update(&found.list);
+                detections += found.list.len();
+            }
+            Err(error) => fail("frame", error),
+        }
         work.others += lap();
-        digest.update(&found.list);
-        detections += found.list.len();
         total.add(&work);
         worst = worst.max(work.sum());
         number += 1;

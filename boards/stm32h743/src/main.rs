@@ -24,7 +24,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::Channel;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io::Write;
-use firmware::{CONFIG, Firmware, Memory, TICK_US};
+use firmware::{CONFIG, Firmware, TICK_US};
 use frames::Frame;
 use lookout::angle::{PI, Real};
 use lookout::image::Image;
@@ -65,8 +65,6 @@ fn now_us() -> i64 {
 
 #[embassy_executor::main]
 async fn main(_spawner: Spawner) -> ! {
-    static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
-    static LOOKOUT: StaticCell<Firmware<'_>> = StaticCell::new();
     static FRAMES: StaticCell<Channel<'_, CriticalSectionRawMutex, Frame>> = StaticCell::new();
     static SENT: ConstStaticCell<[u8; WAITING]> = ConstStaticCell::new([0; WAITING]);
     static HEARD: ConstStaticCell<[u8; WAITING]> = ConstStaticCell::new([0; WAITING]);
@@ -105,13 +103,23 @@ async fn main(_spawner: Spawner) -> ! {
 
     let mut settings = usart::Config::default();
     settings.baudrate = BAUD;
-    let line =
-        BufferedUart::new(p.USART3, p.PB11, p.PB10, SENT.take(), HEARD.take(), Interrupts, settings);
+    let line = BufferedUart::new(
+        p.USART3,
+        p.PB11,
+        p.PB10,
+        SENT.take(),
+        HEARD.take(),
+        Interrupts,
+        settings,
+    );
     let mut line = line.expect("the rate is one that USART 3 has");
-    let view = lookout::camera::Camera::from_field_of_view(CONFIG.width as u32, CONFIG.height as u32, VIEW);
+    let view = lookout::camera::Camera::from_field_of_view(
+        CONFIG.width as u32,
+        CONFIG.height as u32,
+        VIEW,
+    );
     let view = view.expect("an angle that a lens has");
-    let detector = firmware::detector(MEMORY.take()).expect("tried before it was flashed");
-    let lookout = LOOKOUT.init_with(|| Firmware::new(detector, view, now_us()));
+    let lookout = Firmware::start(view, now_us()).expect("tried before it was flashed");
     let mut watchdog = IndependentWatchdog::new(p.IWDG1, WATCHDOG_US);
     watchdog.unleash();
     loop {
@@ -119,7 +127,9 @@ async fn main(_spawner: Spawner) -> ! {
         let tick = Timer::after(Duration::from_micros(TICK_US.unsigned_abs()));
         if let Either::First(frame) = select(frames.receive(), tick).await {
             let time_us = frame.time_us;
-            if let Ok(frame) = Image::packed(frame.pixels(&mut core.SCB), CONFIG.width, CONFIG.height) {
+            if let Ok(frame) =
+                Image::packed(frame.pixels(&mut core.SCB), CONFIG.width, CONFIG.height)
+            {
                 // Frames are of the size that the detector was made for.
                 let _ = lookout.see(frame, time_us, &mut |_| {}, now_us);
             }
