@@ -20,6 +20,7 @@ pub mod onboard;
 pub mod parallel;
 pub mod pictures;
 pub mod pipeline;
+pub mod preview;
 pub mod ranking;
 pub mod replay;
 pub mod report;
