@@ -176,6 +176,12 @@ pub enum Error {
         /// The system's reason.
         reason: String,
     },
+    /// A thread of a service cannot be started.
+    #[error("cannot start a thread: {source}; end other programs, or raise the limit of tasks")]
+    Thread {
+        /// The system's reason.
+        source: io::Error,
+    },
     /// Threads cannot be started.
     #[error("cannot start {threads} threads: {reason}; try a smaller --threads")]
     Threads {

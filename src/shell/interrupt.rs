@@ -3,10 +3,10 @@
 use super::error::Error;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
+use std::io;
 use std::string::ToString;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock};
-use std::io;
 use std::vec::Vec;
 
 static REQUESTED: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
@@ -34,16 +34,25 @@ pub fn watch() -> Result<(), Error> {
     end_by(&signals)
 }
 
-/// The same for a service, where SIGHUP sets the flag that is given back: settings are to be read again.
+/// Orders to a service.
+#[derive(Debug, Clone, Default)]
+pub struct Control {
+    /// To end.
+    pub stop: Arc<AtomicBool>,
+    /// To read the settings again.
+    pub reload: Arc<AtomicBool>,
+}
+
+/// The same for a service, where SIGHUP asks for a reload.
 ///
 /// # Errors
 /// [`Error::Interrupt`] when the system refuses.
-pub fn watch_service() -> Result<Arc<AtomicBool>, Error> {
+pub fn watch_service() -> Result<Control, Error> {
     end_by(&[SIGINT, SIGTERM])?;
-    let reload = Arc::<AtomicBool>::default();
+    let control = Control { stop: REQUESTED.clone(), ..Control::default() };
     #[cfg(unix)]
-    flag::register(signal_hook::consts::SIGHUP, reload.clone()).map_err(refused)?;
-    Ok(reload)
+    flag::register(signal_hook::consts::SIGHUP, control.reload.clone()).map_err(refused)?;
+    Ok(control)
 }
 
 fn end_by(signals: &[i32]) -> Result<(), Error> {

@@ -37,3 +37,5 @@ pub mod tracks;
 pub mod traffic;
 pub mod train;
 pub mod truth;
+#[cfg(target_os = "linux")]
+pub mod v4l2;

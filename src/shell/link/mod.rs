@@ -16,7 +16,6 @@ mod worker;
 pub use spec::LinkSpec;
 
 use crate::component::{Destination, Outgoing, Trust};
-use crate::shell::clock::now_us;
 use crate::shell::histogram::Histogram;
 use budget::Budget;
 use crossbeam_channel::{Receiver, Sender, bounded};
@@ -37,7 +36,7 @@ const HEARD: usize = 1024;
 pub struct Inbound {
     /// Index of the link it came over.
     pub link: u8,
-    /// When it came, by [`now_us`].
+    /// When it came, by [`crate::shell::clock::now_us`].
     pub time_us: i64,
     /// What its signature is worth.
     pub trust: Trust,

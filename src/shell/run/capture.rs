@@ -138,6 +138,7 @@ impl Capture {
             match taken {
                 Ok(taken) => {
                     self.missed.fetch_add(taken.missed, Ordering::Relaxed);
+                    self.mailbox.pass_over(taken.passed_over);
                     self.mailbox.put(shared);
                     last = Instant::now();
                     if !running {

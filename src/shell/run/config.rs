@@ -182,7 +182,9 @@ fn check(prefix: &str, places: &DeTable<'_>, values: &Table) -> Result<(), (usiz
             _ => {
                 let near = KEYS.iter().map(|key| key.name);
                 let near = near.min_by_key(|known| distance(known, &full)).unwrap_or_default();
-                let reason = format!("unknown key {full}; is {near} meant? `lookout run --print-config` explains all");
+                let reason = format!(
+                    "unknown key {full}; is {near} meant? `lookout run --print-config` explains all"
+                );
                 return Err((name.span().start, reason));
             }
         }
@@ -259,7 +261,10 @@ mod tests {
         assert_eq!(config.camera.controls["gain"], 7);
         for key in KEYS {
             let name = key.name.rsplit('.').next().unwrap();
-            assert!(printed.lines().any(|l| l.trim_start_matches("# ").starts_with(name)), "{name}");
+            assert!(
+                printed.lines().any(|l| l.trim_start_matches("# ").starts_with(name)),
+                "{name}"
+            );
         }
         // Without a file: all defaults, ready for a source.
         let defaults = print(None).replacen("# source =", "source = \"file:x\"", 1);
@@ -277,14 +282,29 @@ mod tests {
     #[test]
     fn what_is_wrong_is_named_with_its_line() {
         for (text, wanted) in [
-            ("source = 'v4l2:/dev/video0'\n\nlinx = []\n", "line 3: unknown key linx; is links meant?"),
-            ("source = 'v4l2:/dev/video0'\n[camera]\nwidht = 640\n", "line 3: unknown key camera.widht"),
-            ("source = 'v4l2:/dev/video0'\n[camera]\n\nwidth = 0\n", "line 4: camera.width: expected a whole"),
-            ("source = 'v4l2:/dev/video0'\ncamera.width = '640'\n", "line 2: camera.width: expected a whole"),
+            (
+                "source = 'v4l2:/dev/video0'\n\nlinx = []\n",
+                "line 3: unknown key linx; is links meant?",
+            ),
+            (
+                "source = 'v4l2:/dev/video0'\n[camera]\nwidht = 640\n",
+                "line 3: unknown key camera.widht",
+            ),
+            (
+                "source = 'v4l2:/dev/video0'\n[camera]\n\nwidth = 0\n",
+                "line 4: camera.width: expected a whole",
+            ),
+            (
+                "source = 'v4l2:/dev/video0'\ncamera.width = '640'\n",
+                "line 2: camera.width: expected a whole",
+            ),
             ("source = 'simulate:dance'\n", "line 1: source: expected v4l2:DEVICE"),
             ("source = 5\n", "line 1: source: expected v4l2:DEVICE"),
             ("source = 'file:x'\nlinks = ['udpin:1']\n", "line 2: links: link 'udpin:1'"),
-            ("source = 'file:x'\nthreads = 1.5\n", "line 2: threads: expected a whole number from 0"),
+            (
+                "source = 'file:x'\nthreads = 1.5\n",
+                "line 2: threads: expected a whole number from 0",
+            ),
             ("source = 'file:x'\ncamera = 3\n", "line 2: unknown key camera"),
             ("source = 'file:x'\n[other]\na = 1\n", "line 2: unknown key other"),
             ("source = 'file:x'\nthreads =\n", "line 2: "),
@@ -292,8 +312,14 @@ mod tests {
             ("threads = 1\n", "source is missing"),
             ("", "source is missing"),
             ("source = 'file:x'\npreview = '0.0.0.0:80'\n", "line 2: preview: others can reach"),
-            ("source = 'file:x'\ncamera.mounting = [0, 0]\n", "line 2: camera.mounting: expected 3"),
-            ("source = 'file:x'\ncamera.controls = { gain = 'x' }\n", "line 2: camera.controls: exp"),
+            (
+                "source = 'file:x'\ncamera.mounting = [0, 0]\n",
+                "line 2: camera.mounting: expected 3",
+            ),
+            (
+                "source = 'file:x'\ncamera.controls = { gain = 'x' }\n",
+                "line 2: camera.controls: exp",
+            ),
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.starts_with("f.toml line ") && error.contains(wanted), "{text}: {error}");

@@ -3,9 +3,9 @@
 use crate::shell::link::LinkSpec;
 use crate::shell::simulate::Kind as Flight;
 use clap::ValueEnum;
+use std::format;
 use std::net::SocketAddr;
 use std::string::{String, ToString};
-use std::format;
 use toml::Value;
 
 /// What a key's value must be.
@@ -209,7 +209,7 @@ pub const KEYS: &[Key] = &[
     Key {
         name: "camera.format",
         kind: Kind::Text(format),
-        unit: "GREY, YUYV, NV12 or MJPEG",
+        unit: "GREY, NV12, YUYV, UYVY or MJPEG",
         default: "",
         reload: true,
         about: "Pixel format of a camera; left out: the best it has.",
@@ -318,5 +318,9 @@ fn address(text: &str) -> Result<(), String> {
 }
 
 fn format(text: &str) -> Result<(), String> {
-    if ["GREY", "YUYV", "NV12", "MJPEG"].contains(&text) { Ok(()) } else { Err(String::new()) }
+    if ["GREY", "NV12", "YUYV", "UYVY", "MJPEG"].contains(&text) {
+        Ok(())
+    } else {
+        Err(String::new())
+    }
 }

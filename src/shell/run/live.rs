@@ -2,7 +2,8 @@
 
 use super::config::Config;
 use super::paced::Paced;
-use crate::shell::camera::CameraFile;
+use crate::camera::Camera;
+use crate::shell::camera::{CameraArgs, CameraFile};
 use crate::shell::error::Error;
 use crate::shell::link::Inbound;
 use crate::shell::simulate::{Kind, SimulateSettings, Simulator, Telemetry};
@@ -19,6 +20,8 @@ use std::time::Duration;
 pub struct Taken {
     /// Frames lost before this one: for want of a buffer, or damaged.
     pub missed: u32,
+    /// Older ones that were ready as well and were left out.
+    pub passed_over: u32,
 }
 
 /// Why there is no frame.
@@ -79,15 +82,15 @@ fn named(config: &Config) -> Named<'_> {
 /// # Errors
 /// [`LiveError::Gone`], [`LiveError::Broken`].
 pub fn open(config: &Config, heard: &Sender<Inbound>) -> Result<Box<dyn LiveSource>, LiveError> {
-    let rewind: Box<dyn FnMut() -> Result<Box<dyn FrameSource>, SourceError>> =
-        match named(config) {
-            Named::Camera(path) => return super::camera::open(path, &config.camera),
-            Named::File(path) => {
-                let path = String::from(path);
-                Box::new(move || source::open(&path))
-            }
-            Named::Simulated(settings) => Box::new(move || Ok(Box::new(Simulated::new(&settings)))),
-        };
+    let rewind: Box<dyn FnMut() -> Result<Box<dyn FrameSource>, SourceError>> = match named(config)
+    {
+        Named::Camera(path) => return super::camera::open(path, &config.camera),
+        Named::File(path) => {
+            let path = String::from(path);
+            Box::new(move || source::open(&path))
+        }
+        Named::Simulated(settings) => Box::new(move || Ok(Box::new(Simulated::new(&settings)))),
+    };
     let telemetry = match named(config) {
         Named::Simulated(settings) => Some((Telemetry::of(&settings), heard.clone())),
         _ => None,
@@ -104,5 +107,20 @@ pub fn own_camera(config: &Config) -> Result<Option<CameraFile>, Error> {
         Named::Camera(_) => Ok(None),
         Named::File(path) => CameraFile::beside(Path::new(path)),
         Named::Simulated(settings) => Ok(Some(Simulator::new(&settings).camera())),
+    }
+}
+
+/// The camera until the first frame comes, which may have another size where a file is read.
+///
+/// # Errors
+/// As [`Config::camera`].
+pub fn first_camera(config: &Config, own: Option<&CameraFile>) -> Result<Camera, Error> {
+    let size = (config.camera.width as usize, config.camera.height as usize);
+    match named(config) {
+        Named::File(_) => {
+            let fov = config.camera.field_of_view;
+            CameraArgs { fov, ..CameraArgs::default() }.camera(size.0, size.1, None)
+        }
+        Named::Camera(_) | Named::Simulated(_) => config.camera(size, own),
     }
 }

@@ -6,10 +6,16 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 use std::vec::Vec;
 
+#[derive(Debug, Default)]
+struct Slot {
+    frame: Option<Arc<Frame>>,
+    taken: u64,
+}
+
 /// Between the thread that takes frames and the one that looks at them.
 #[derive(Debug, Default)]
 pub struct Mailbox {
-    slot: Mutex<Option<Arc<Frame>>>,
+    slot: Mutex<Slot>,
     ready: Condvar,
     dropped: AtomicU32,
 }
@@ -18,7 +24,7 @@ impl Mailbox {
     /// Puts a frame in the place of the one that waits. Never blocks.
     pub fn put(&self, frame: Arc<Frame>) {
         let mut slot = self.slot.lock().unwrap_or_else(PoisonError::into_inner);
-        if slot.replace(frame).is_some() {
+        if slot.frame.replace(frame).is_some() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
         drop(slot);
@@ -28,8 +34,21 @@ impl Mailbox {
     /// Takes the frame, waiting for it at most `timeout`.
     pub fn take(&self, timeout: Duration) -> Option<Arc<Frame>> {
         let slot = self.slot.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = self.ready.wait_timeout_while(slot, timeout, |slot| slot.is_none());
-        waited.unwrap_or_else(PoisonError::into_inner).0.take()
+        let waited = self.ready.wait_timeout_while(slot, timeout, |slot| slot.frame.is_none());
+        let mut slot = waited.unwrap_or_else(PoisonError::into_inner).0;
+        slot.taken += u64::from(slot.frame.is_some());
+        slot.frame.take()
+    }
+
+    /// Whether no frame waits, and `done` of them were taken: nothing is under way.
+    pub fn is_drained(&self, done: u64) -> bool {
+        let slot = self.slot.lock().unwrap_or_else(PoisonError::into_inner);
+        slot.frame.is_none() && slot.taken == done
+    }
+
+    /// Counts frames that gave way before they came here.
+    pub fn pass_over(&self, frames: u32) {
+        self.dropped.fetch_add(frames, Ordering::Relaxed);
     }
 
     /// Frames that gave way, since the start.
@@ -75,6 +94,7 @@ mod tests {
         (1..=5).for_each(|time| mailbox.put(frame(time)));
         assert_eq!(mailbox.take(Duration::ZERO).unwrap().time_us, 5);
         assert_eq!(mailbox.dropped(), 4);
+        assert!(mailbox.is_drained(1) && !mailbox.is_drained(0));
         let taken = thread::scope(|scope| {
             let waiting = scope.spawn(|| mailbox.take(Duration::from_secs(10)));
             mailbox.put(frame(6));

@@ -87,12 +87,8 @@ impl LiveSource for Paced {
                 let time_us = *start + time;
                 let frame = MAVLinkMessageRaw::V2(raw);
                 // Where nobody hears any more, nothing is lost.
-                let _ = heard.try_send(Inbound {
-                    link: SIMULATED,
-                    time_us,
-                    trust: Trust::Open,
-                    frame,
-                });
+                let _ =
+                    heard.try_send(Inbound { link: SIMULATED, time_us, trust: Trust::Open, frame });
             }
         }
         if wait > timeout {

@@ -52,7 +52,10 @@ impl Measures {
         }
         let share = |part: u32| part * 1000 / count.max(1);
         let Frame { width, height, .. } = *frame;
-        let steep = [steepness(frame, (width, 1), (height, width)), steepness(frame, (height, width), (width, 1))];
+        let steep = [
+            steepness(frame, (width, 1), (height, width)),
+            steepness(frame, (height, width), (width, 1)),
+        ];
         Self { dark: share(dark), white: share(white), steep }
     }
 }

@@ -58,7 +58,8 @@ pub fn run(
         let config = args.config(model, size.0, size.1)?;
         let mut memory = Memory::new(&config);
         tracing::info!(width = size.0, height = size.1, bytes = memory.len_bytes(), "detector");
-        let refused = |source| Error::Detector { input: String::from("source"), frame: number, source };
+        let refused =
+            |source| Error::Detector { input: String::from("source"), frame: number, source };
         let mut detector = memory.detector(model, config).map_err(refused)?;
         loop {
             number += 1;
@@ -68,7 +69,11 @@ pub fn run(
             let mut observer = |stage: Stage| ended_us[stage as usize] = now_us();
             let found = detector
                 .process_observed(frame.view(), frame.time_us, &mut observer)
-                .map_err(|source| Error::Detector { input: String::from("source"), frame: number, source })?;
+                .map_err(|source| Error::Detector {
+                    input: String::from("source"),
+                    frame: number,
+                    source,
+                })?;
             let looked = Seen { frame, found, blind, begun_us, ended_us };
             if seen.send(looked).is_err() {
                 return Ok(());

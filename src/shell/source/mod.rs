@@ -10,6 +10,7 @@ pub(crate) use folder::is_picture;
 pub use simulated::Simulated;
 pub use video::Video;
 pub use y4m::Y4m;
+pub(crate) use y4m::expand;
 
 use crate::image::Image;
 use crate::shell::clips;
@@ -28,7 +29,7 @@ pub struct Frame {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// When it was taken, microseconds since the first frame.
+    /// When it was taken, microseconds since the first frame; of a live camera by the system's monotonic clock.
     pub time_us: i64,
 }
 
