@@ -3,15 +3,20 @@
 mod camera;
 pub mod capture;
 pub mod config;
+mod events;
 pub mod keys;
 pub mod live;
 mod mailbox;
 mod notify;
+mod outputs;
 mod paced;
+mod record;
+mod ring;
 pub mod service;
 pub mod sight;
 mod stages;
 mod worker;
+mod writer;
 
 use super::error::Error;
 use super::interrupt::{self, Ended};

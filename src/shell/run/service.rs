@@ -7,6 +7,7 @@ use super::capture::{Camera, Capture};
 use super::config::Config;
 use super::live::{self, Open};
 use super::notify::Notify;
+use super::outputs::{Condition, Outputs};
 use super::stages::Stages;
 use super::worker::{self, Seen};
 use crate::component;
@@ -137,11 +138,11 @@ struct Service<'a> {
     links: Links,
     onboard: Onboard,
     kept: Parameters,
+    outputs: Outputs,
     notify: Notify,
     summary: Summary,
     blind: Blind,
     state: State,
-    camera: Camera,
     /// Frames and time when the state was last told.
     told: (u64, i64),
 }
@@ -163,7 +164,6 @@ impl<'a> Service<'a> {
         let onboard = Onboard::new(camera, component(&config), kept, now_us());
         let state = onboard.component().state();
         Ok(Self {
-            config,
             own_camera,
             size: None,
             capture,
@@ -172,12 +172,13 @@ impl<'a> Service<'a> {
             links,
             onboard,
             kept,
+            outputs: Outputs::open(&config)?,
             notify: Notify::from_environment(),
             summary: Summary::default(),
             blind: Blind::NO,
             state,
-            camera: Camera::Opening,
             told: (0, now_us()),
+            config,
         })
     }
 
@@ -215,6 +216,7 @@ impl<'a> Service<'a> {
     }
 
     fn hear(&mut self, heard: &Inbound) {
+        self.outputs.heard(heard);
         self.onboard.hear(heard.link, &heard.frame, heard.trust, heard.time_us);
         let parameters = *self.onboard.component().parameters();
         if parameters != self.kept {
@@ -236,10 +238,11 @@ impl<'a> Service<'a> {
         }
         self.blind = seen.blind;
         self.onboard.report(self.capture.mailbox.dropped(), seen.blind);
-        let _tracks = self.onboard.see(&seen.found, seen.frame.time_us, received_us);
+        let tracks = self.onboard.see(&seen.found, seen.frame.time_us, received_us);
         self.summary.frames += 1;
         self.summary.digest.update(&seen.found);
         self.summary.stages.add(&seen, received_us, now_us());
+        self.outputs.see(&seen, &tracks, &self.onboard, self.summary.frames);
         self.speak(Some(seen.frame.time_us));
         Ok(())
     }
@@ -248,7 +251,9 @@ impl<'a> Service<'a> {
     fn speak(&mut self, exposed_us: Option<i64>) {
         let now_us = now_us();
         while let Some(message) = self.onboard.poll(now_us) {
-            self.links.send_about(&message, now_us, exposed_us);
+            if let Some(frame) = self.links.send_about(&message, now_us, exposed_us) {
+                self.outputs.said(&frame, now_us);
+            }
         }
     }
 
@@ -270,20 +275,33 @@ impl<'a> Service<'a> {
                 self.notify.feed();
             }
         }
+        let now_us = now_us();
+        self.outputs.tick(now_us);
         let (frames, told_us) = self.told;
-        let span_us = now_us() - told_us;
+        let span_us = now_us - told_us;
         if span_us >= STATUS_US {
             let rate = (self.summary.frames - frames) as f64 * 1e6 / span_us as f64;
-            self.told = (self.summary.frames, now_us());
-            self.camera = self.capture.state();
-            let words = self.in_words(rate);
-            self.notify.status(words);
+            self.told = (self.summary.frames, now_us);
+            let condition = self.condition(rate);
+            self.notify.status(self.in_words(&condition));
+            self.outputs.show(condition, &self.config.source, &self.onboard, &self.links);
         }
     }
 
-    fn in_words(&self, rate: f64) -> String {
-        let mut words = state_in_words(self.state);
-        if let Camera::Gone(reason) = &self.camera {
+    fn condition(&self, rate: f64) -> Condition {
+        Condition {
+            state: self.state,
+            blind: self.blind,
+            camera: self.capture.state(),
+            frames: (self.summary.frames, self.capture.mailbox.dropped(), rate),
+            latency: self.summary.stages.percentiles(&self.links.latency()),
+        }
+    }
+
+    fn in_words(&self, condition: &Condition) -> String {
+        let mut words = state_in_words(condition.state);
+        let rate = condition.frames.2;
+        if let Camera::Gone(reason) = &condition.camera {
             words = format!("{words} ({reason})");
         }
         let autopilot = match self.onboard.component().autopilot() {
@@ -323,6 +341,7 @@ impl<'a> Service<'a> {
         if any(&["links"]) {
             self.links.reopen(&specs(&config));
         }
+        self.outputs.reload(&config, &changes);
         self.config = config;
     }
 

@@ -2,6 +2,7 @@
 
 mod folder;
 mod simulated;
+mod times;
 mod video;
 mod y4m;
 
@@ -129,6 +130,16 @@ pub enum SourceError {
     NoPictures {
         /// The folder.
         path: PathBuf,
+    },
+    /// Times of pictures that are not understood.
+    #[error("{} line {line}: {reason}; without this file the pictures count as 30 a second", path.display())]
+    Times {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong.
+        reason: String,
     },
     /// A stream without a frame.
     #[error("{name}: no frame in it; check how it was recorded")]
