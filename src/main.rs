@@ -5,6 +5,7 @@ use lookout::shell::cli::{Cli, Verb};
 use lookout::shell::error::Error;
 use lookout::shell::interrupt::{self, Ended};
 use lookout::shell::{bench, doctor, eval, replay, run, train};
+use std::io::IsTerminal;
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::filter::LevelFilter;
@@ -18,6 +19,7 @@ fn main() -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(filter.with_env_var("LOOKOUT_LOG").from_env_lossy())
         .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
         .init();
     match dispatch(&cli.verb) {
         Ok(Ended::Complete) => ExitCode::SUCCESS,
