@@ -124,6 +124,13 @@ pub struct Health {
     pub camera: String,
 }
 
+impl Health {
+    /// Why nothing can be seen, in words.
+    pub fn reasons(&self) -> impl Iterator<Item = &'static str> {
+        words(self.blind)
+    }
+}
+
 /// The state of the lookout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -183,11 +190,15 @@ fn level<S: Serializer>(level: &Level, serializer: S) -> Result<S::Ok, S::Error>
 }
 
 fn reasons<S: Serializer>(blind: &Blind, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(words(*blind))
+}
+
+fn words(blind: Blind) -> impl Iterator<Item = &'static str> {
     let words = [
         (Blind::DARK, "too dark"),
         (Blind::GLARE, "glare"),
         (Blind::BLUR, "blurred"),
         (Blind::COVERED, "covered or frozen"),
     ];
-    serializer.collect_seq(words.iter().filter(|(reason, _)| blind.has(*reason)).map(|(_, w)| w))
+    words.into_iter().filter(move |(reason, _)| blind.has(*reason)).map(|(_, word)| word)
 }
