@@ -51,7 +51,7 @@ impl Browser {
                 "--disable-component-update",
                 "--disable-sync",
             ])
-            .args(["--disable-dev-shm-usage", "--remote-debugging-pipe"])
+            .args(["--disable-dev-shm-usage", "--hide-scrollbars", "--remote-debugging-pipe"])
             .arg(format!("--user-data-dir={}", home.path().display()))
             .arg("about:blank")
             .stdin(Stdio::piped())
@@ -114,10 +114,11 @@ impl Browser {
         }
     }
 
-    /// Opens a page.
+    /// Opens a page and waits until it is there.
     pub fn open(&mut self, address: &str) {
         let result = self.call("Page.navigate", json!({"url": address}));
         assert!(result["errorText"].is_null(), "{address}: {result}");
+        self.until("document.readyState", "complete");
     }
 
     /// A screen of this size in CSS pixels, light or dark, of a phone or not.

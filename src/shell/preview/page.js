@@ -78,11 +78,17 @@ function make(name, attributes = {}, ...children) {
   return element;
 }
 
-function chip(level, text) {
+// Text that stays on one line.
+function span(text) {
   const element = document.createElement("span");
+  element.textContent = text;
+  return element;
+}
+
+function chip(level, text) {
+  const element = span(text);
   element.className = "chip";
   element.dataset.level = level;
-  element.textContent = text;
   return element;
 }
 
@@ -102,13 +108,13 @@ function rows(id, list) {
 const side = (angle, positive, negative) =>
   `${Math.abs(angle).toFixed(1)}° ${angle < 0 ? negative : positive}`;
 const bearing = (track) =>
-  `${side(track.azimuth_deg, "right", "left")}, ${side(track.elevation_deg, "up", "down")}`;
+  [side(track.azimuth_deg, "right", "left"), side(track.elevation_deg, "up", "down")];
 const metres = (range) => `${range < 10 ? range.toFixed(1) : Math.round(range)} m`;
 const urgent = (a, b) => URGENCY.indexOf(b.level) - URGENCY.indexOf(a.level)
   || (a.time_to_contact_s ?? Infinity) - (b.time_to_contact_s ?? Infinity) || a.id - b.id;
 
 function inWords(track) {
-  const parts = [`Object ${track.id}: ${bearing(track)}`];
+  const parts = [`Object ${track.id}: ${bearing(track).join(", ")}`];
   if (track.range_m !== null) parts.push(`about ${metres(track.range_m)}`);
   if (track.time_to_contact_s !== null) parts.push(`contact in ${track.time_to_contact_s.toFixed(1)} s`);
   return parts.join(", ");
@@ -164,9 +170,9 @@ function show() {
   const { tracks, health, latency, links } = state;
   rows("objects", [...tracks].sort(urgent).map((track) => [
     [String(track.id), chip(track.level, track.level === "none" ? "followed" : track.level)],
-    bearing(track),
-    track.range_m === null ? "–" : metres(track.range_m),
-    track.time_to_contact_s === null ? "–" : `${track.time_to_contact_s.toFixed(1)} s`,
+    [span(`${bearing(track)[0]},`), " ", span(bearing(track)[1])],
+    span(track.range_m === null ? "–" : metres(track.range_m)),
+    span(track.time_to_contact_s === null ? "–" : `${track.time_to_contact_s.toFixed(1)} s`),
     track.score.toFixed(2),
   ]));
   $("objects").hidden = !tracks.length;
@@ -176,7 +182,7 @@ function show() {
   say("frames", `${health.frames} seen, ${health.dropped} dropped`);
   say("rate", `${health.frames_per_second.toFixed(1)} frames a second`);
   say("autopilot", state.autopilot ?? "none heard");
-  rows("latency", latency.map((l) => [l.stage, `${l.p50_ms.toFixed(1)} ms`, `${l.p99_ms.toFixed(1)} ms`]));
+  rows("latency", latency.map((l) => [l.stage, span(`${l.p50_ms.toFixed(1)} ms`), span(`${l.p99_ms.toFixed(1)} ms`)]));
   rows("links", links.map((l) => [l.name, chip(l.up ? "up" : "down", l.up ? "up" : "down"), String(l.sent), String(l.dropped)]));
   showMap();
 }
