@@ -187,6 +187,16 @@ fn the_page_says_what_was_published() {
     browser.reads("level", "Caution");
     fits(&mut browser, "desktop-caution-dark");
 
+    // What is no number is not shown as one, and no name is taken for a part of the page.
+    let mut odd = warning(0);
+    odd.health.frames_per_second = f64::NAN;
+    odd.tracks[1].azimuth_deg = f64::NAN;
+    odd.autopilot = Some("<b>one</b> & another".into());
+    lookout.show(odd);
+    browser.reads("autopilot", "<b>one</b> & another");
+    browser.reads("rate", "–");
+    browser.reads("detail", "Object 7: –, 12.0° up, about 84 m, contact in 6.0 s");
+
     let mut blind = quiet(0);
     blind.health.state = State::Blind;
     blind.health.blind = Blind::DARK.and(Blind::COVERED);

@@ -21,12 +21,17 @@ if (given !== null) {
   history.replaceState(null, "", location.pathname);
 }
 
-async function ask(path, headers = {}) {
+// The answer with its content as `read` takes it; null where there is none: the age of what is shown tells that.
+async function ask(path, headers, read) {
   const token = sessionStorage.getItem("token");
   if (token) headers.Authorization = `Bearer ${token}`;
-  const answer = await fetch(path, { headers, cache: "no-store", signal: AbortSignal.timeout(GIVE_UP) });
-  refused = answer.status === 401;
-  return answer;
+  try {
+    const answer = await fetch(path, { headers, cache: "no-store", signal: AbortSignal.timeout(GIVE_UP) });
+    refused = answer.status === 401;
+    return answer.status === 200 ? { headers: answer.headers, content: await read(answer) } : null;
+  } catch {
+    return null;
+  }
 }
 
 // Asks again and again, one question at a time: a slow link gets fewer answers, none of them late.
@@ -35,26 +40,28 @@ async function repeat(every, question) {
     const start = performance.now();
     try {
       if (!refused) await question();
-    } catch {
-      // Told by the age of what is there.
+    } catch (error) {
+      console.error(error);
     }
     await sleep(Math.max(start + every - performance.now(), 20));
   }
 }
 
 async function askState() {
-  const answer = await ask("state.json");
-  if (!answer.ok) return show();
-  state = await answer.json();
-  heard = performance.now();
+  const answer = await ask("state.json", {}, (answer) => answer.json());
+  if (answer) {
+    state = answer.content;
+    heard = performance.now();
+  }
   show();
 }
 
 async function askPicture() {
   if (document.hidden || !state) return;
-  const answer = await ask("frame.jpg", tag ? { "If-None-Match": tag } : {});
-  if (answer.status !== 200) return;
-  const bitmap = await createImageBitmap(await answer.blob());
+  const known = tag ? { "If-None-Match": tag } : {};
+  const answer = await ask("frame.jpg", known, (answer) => answer.blob());
+  if (!answer) return;
+  const bitmap = await createImageBitmap(answer.content);
   tag = answer.headers.get("ETag");
   pictured = performance.now();
   const canvas = $("picture");
@@ -105,18 +112,20 @@ function rows(id, list) {
   }));
 }
 
+// What is not known, or no number, comes as null.
+const number = (value, digits, unit) => value === null ? "–" : `${value.toFixed(digits)}${unit}`;
+const metres = (range) => number(range, range !== null && range < 10 ? 1 : 0, " m");
 const side = (angle, positive, negative) =>
-  `${Math.abs(angle).toFixed(1)}° ${angle < 0 ? negative : positive}`;
+  angle === null ? "–" : `${number(Math.abs(angle), 1, "°")} ${angle < 0 ? negative : positive}`;
 const bearing = (track) =>
   [side(track.azimuth_deg, "right", "left"), side(track.elevation_deg, "up", "down")];
-const metres = (range) => `${range < 10 ? range.toFixed(1) : Math.round(range)} m`;
 const urgent = (a, b) => URGENCY.indexOf(b.level) - URGENCY.indexOf(a.level)
   || (a.time_to_contact_s ?? Infinity) - (b.time_to_contact_s ?? Infinity) || a.id - b.id;
 
 function inWords(track) {
   const parts = [`Object ${track.id}: ${bearing(track).join(", ")}`];
   if (track.range_m !== null) parts.push(`about ${metres(track.range_m)}`);
-  if (track.time_to_contact_s !== null) parts.push(`contact in ${track.time_to_contact_s.toFixed(1)} s`);
+  if (track.time_to_contact_s !== null) parts.push(`contact in ${number(track.time_to_contact_s, 1, " s")}`);
   return parts.join(", ");
 }
 
@@ -171,18 +180,18 @@ function show() {
   rows("objects", [...tracks].sort(urgent).map((track) => [
     [String(track.id), chip(track.level, track.level === "none" ? "followed" : track.level)],
     [span(`${bearing(track)[0]},`), " ", span(bearing(track)[1])],
-    span(track.range_m === null ? "–" : metres(track.range_m)),
-    span(track.time_to_contact_s === null ? "–" : `${track.time_to_contact_s.toFixed(1)} s`),
-    track.score.toFixed(2),
+    span(metres(track.range_m)),
+    span(number(track.time_to_contact_s, 1, " s")),
+    number(track.score, 2, ""),
   ]));
   $("objects").hidden = !tracks.length;
   $("nothing").hidden = Boolean(tracks.length);
   say("state", STATES[health.state]);
   say("camera", health.camera || "–");
   say("frames", `${health.frames} seen, ${health.dropped} dropped`);
-  say("rate", `${health.frames_per_second.toFixed(1)} frames a second`);
+  say("rate", number(health.frames_per_second, 1, " frames a second"));
   say("autopilot", state.autopilot ?? "none heard");
-  rows("latency", latency.map((l) => [l.stage, span(`${l.p50_ms.toFixed(1)} ms`), span(`${l.p99_ms.toFixed(1)} ms`)]));
+  rows("latency", latency.map((l) => [l.stage, span(number(l.p50_ms, 1, " ms")), span(number(l.p99_ms, 1, " ms"))]));
   rows("links", links.map((l) => [l.name, chip(l.up ? "up" : "down", l.up ? "up" : "down"), String(l.sent), String(l.dropped)]));
   showMap();
 }
