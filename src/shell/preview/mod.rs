@@ -2,6 +2,17 @@
 //!
 //! A small HTTP server on a thread of its own. Clients and their requests are bounded in number, size and time, whatever
 //! they do; the detector's loop hands over a snapshot and never waits.
+//!
+//! | address | what is there |
+//! | --- | --- |
+//! | `/` | the page, one file without anything from elsewhere |
+//! | `/state.json` | the newest [`Snapshot`] without its picture, and its age |
+//! | `/frame.jpg` | the newest picture; what was followed in it stands in the field `Lookout-Tracks` |
+//! | `/healthz` | for monitors: 200 while it watches, else 503 and the reason |
+//!
+//! The page asks for pictures one by one, the next when the last has come: over a bad link there are fewer of them, but none
+//! is late, as it would be in a stream. HTTP is read by the crate `httparse` and sockets are waited for by `mio`; servers that
+//! give every connection a thread, or that have no deadlines, would let any client take what the detector needs.
 
 mod board;
 mod http;

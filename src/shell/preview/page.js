@@ -246,7 +246,8 @@ function showMap() {
     const [x, y] = at(angle, radius);
     return make("text", { x, y }, text);
   };
-  const marks = [...tracks].sort(urgent).reverse().map((track) => {
+  const seen = tracks.filter((track) => track.azimuth_deg !== null);
+  const marks = seen.sort(urgent).reverse().map((track) => {
     const far = track.range_m === null;
     const radius = far ? 100 : Math.min(track.range_m / limit, 1) * 100;
     const [x, y] = at(track.azimuth_deg, radius);
