@@ -25,7 +25,18 @@ pub struct Shown {
     pub tracks: Vec<Track>,
 }
 
-/// The newest snapshot.
+/// The newest snapshot and its ages.
+#[derive(Debug)]
+pub struct Reading {
+    /// The snapshot, without its picture.
+    pub snapshot: Arc<Snapshot>,
+    /// Since it was published.
+    pub age: Duration,
+    /// Since the number of frames last changed; `None` before the first frame.
+    pub frame_age: Option<Duration>,
+}
+
+/// The newest snapshot and the newest picture.
 #[derive(Debug)]
 pub struct Board(Mutex<Newest>);
 
@@ -35,9 +46,12 @@ struct Newest {
     published: Instant,
     /// When the number of frames last changed.
     frame: Option<Instant>,
+    /// The newest picture, and when it came.
     shown: Option<(Arc<Shown>, Instant)>,
     pictures: u64,
+    /// When somebody last asked for a picture.
     looked: Option<Instant>,
+    /// Shortest time until the next picture.
     pause: Duration,
 }
 
@@ -89,6 +103,29 @@ impl Board {
         let since = newest.shown.as_ref().map(|(_, at)| at.elapsed());
         newest.looked.is_some_and(|at| at.elapsed() < LOOKING)
             && since.is_none_or(|since| since >= newest.pause)
+    }
+
+    /// What the newest snapshot says.
+    pub fn read(&self) -> Reading {
+        let newest = self.newest();
+        Reading {
+            snapshot: newest.snapshot.clone(),
+            age: newest.published.elapsed(),
+            frame_age: newest.frame.map(|at| at.elapsed()),
+        }
+    }
+
+    /// The newest picture, if it is not an old one; and from now on somebody looks.
+    pub fn look(&self) -> Option<Arc<Shown>> {
+        let mut newest = self.newest();
+        newest.looked = Some(Instant::now());
+        let (shown, at) = newest.shown.as_ref()?;
+        (at.elapsed() < STALE).then(|| shown.clone())
+    }
+
+    /// A picture took so long to encode: the pause makes that a fifth of the time at most.
+    pub fn encoded_in(&self, took: Duration) {
+        self.newest().pause = PAUSE.max(took * 4);
     }
 }
 

@@ -2,16 +2,34 @@
 //!
 //! A small HTTP server on a thread of its own. Clients and their requests are bounded in number, size and time, whatever
 //! they do; the detector's loop hands over a snapshot and never waits.
+//!
+//! | address | what is there |
+//! | --- | --- |
+//! | `/` | the page, one file without anything from elsewhere |
+//! | `/state.json` | the newest [`Snapshot`] without its picture, and its age |
+//! | `/frame.jpg` | the newest picture; what was followed in it stands in the field `Lookout-Tracks` |
+//! | `/healthz` | for monitors: 200 while it watches, else 503 and the reason |
+//!
+//! The page asks for pictures one by one, the next when the last has come: over a bad link there are fewer of them, but none
+//! is late, as it would be in a stream. HTTP is read by the crate `httparse` and sockets are waited for by `mio`; servers that
+//! give every connection a thread, or that have no deadlines, would let any client take what the detector needs.
 
 mod board;
+mod http;
+mod server;
+mod site;
 pub mod snapshot;
 
 use board::Board;
+use server::Server;
+use site::Site;
 pub use snapshot::Snapshot;
-use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::string::String;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{self, JoinHandle};
+use std::{fmt, io};
 
 /// Fewest characters of a token.
 const TOKEN: usize = 16;
@@ -47,7 +65,9 @@ pub enum PreviewError {
 pub struct Preview {
     address: SocketAddr,
     board: Arc<Board>,
-    listener: TcpListener,
+    stop: Arc<AtomicBool>,
+    waker: mio::Waker,
+    thread: Option<JoinHandle<()>>,
 }
 
 impl Preview {
@@ -64,7 +84,19 @@ impl Preview {
         let start = |source| PreviewError::Start { address, source };
         let listener = TcpListener::bind(address).map_err(start)?;
         let address = listener.local_addr().map_err(start)?;
-        Ok(Self { address, board: Arc::default(), listener })
+        let board = Arc::<Board>::default();
+        let stop = Arc::<AtomicBool>::default();
+        let site = Site::new(board.clone(), token, address.ip());
+        let (server, waker) = Server::new(listener, site, stop.clone()).map_err(start)?;
+        let serve = move || {
+            if let Err(error) = server.run() {
+                tracing::error!(
+                    "preview {address}: {error}; the page is gone, the lookout goes on"
+                );
+            }
+        };
+        let thread = thread::Builder::new().name("preview".into()).spawn(serve).map_err(start)?;
+        Ok(Self { address, board, stop, waker, thread: Some(thread) })
     }
 
     /// Where it listens.
@@ -80,6 +112,23 @@ impl Preview {
     /// Shows `snapshot` from now on in place of the one before. Never waits for a client.
     pub fn publish(&self, snapshot: Snapshot) {
         self.board.publish(snapshot);
+    }
+}
+
+impl Drop for Preview {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        // A thread that cannot be woken is left to itself; one that panicked has said so.
+        if let (Ok(()), Some(thread)) = (self.waker.wake(), self.thread.take()) {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl fmt::Debug for Preview {
+    /// Without the token.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Preview").field("address", &self.address).finish_non_exhaustive()
     }
 }
 

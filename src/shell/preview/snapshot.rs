@@ -124,6 +124,13 @@ pub struct Health {
     pub camera: String,
 }
 
+impl Health {
+    /// Why nothing can be seen, in words.
+    pub fn reasons(&self) -> impl Iterator<Item = &'static str> {
+        words(self.blind)
+    }
+}
+
 /// The state of the lookout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -183,11 +190,68 @@ fn level<S: Serializer>(level: &Level, serializer: S) -> Result<S::Ok, S::Error>
 }
 
 fn reasons<S: Serializer>(blind: &Blind, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(words(*blind))
+}
+
+fn words(blind: Blind) -> impl Iterator<Item = &'static str> {
     let words = [
         (Blind::DARK, "too dark"),
         (Blind::GLARE, "glare"),
         (Blind::BLUR, "blurred"),
         (Blind::COVERED, "covered or frozen"),
     ];
-    serializer.collect_seq(words.iter().filter(|(reason, _)| blind.has(*reason)).map(|(_, w)| w))
+    words.into_iter().filter(move |(reason, _)| blind.has(*reason)).map(|(_, word)| word)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::{PI, Real};
+    use crate::geometry::Attitude;
+    use crate::message::tests::traffic;
+    use serde_json::json;
+
+    fn near(a: f64, b: f64) -> bool {
+        (a - b).abs() < 0.01
+    }
+
+    #[test]
+    fn a_track_in_degrees_and_metres() {
+        let track = Track::from(&traffic(7));
+        assert!(near(track.azimuth_deg, 45.0) && near(track.elevation_deg, 0.0), "{track:?}");
+        assert_eq!((track.id, track.range_m, track.time_to_contact_s), (7, Some(300.0), None));
+        assert_eq!((track.rect, track.score), ([100.0, 50.0, 20.0, 10.0], 2.0));
+        let told = serde_json::to_value(&track).unwrap();
+        assert_eq!((&told["level"], &told["confirmed"]), (&json!("traffic"), &json!(true)));
+    }
+
+    #[test]
+    fn where_a_camera_looks() {
+        let camera = Camera::from_field_of_view(640, 480, PI / 3).unwrap();
+        for (yaw, azimuth) in [(0, 0.0), (40, 40.0), (-90, -90.0), (170, 170.0)] {
+            let turn = Attitude::from_euler(Real::ZERO, Real::ZERO, Real::from_num(yaw) * PI / 180);
+            let mut snapshot = Snapshot::default();
+            snapshot.look_through(&camera.mounted(turn.after(Attitude::FORWARD)));
+            assert!(near(snapshot.camera_azimuth_deg, azimuth), "{snapshot:?}");
+            assert!(near(snapshot.field_of_view_deg, 60.0), "{snapshot:?}");
+        }
+    }
+
+    #[test]
+    fn reasons_in_words() {
+        let health = Health { blind: Blind::DARK.and(Blind::COVERED), ..Health::default() };
+        assert_eq!(health.reasons().collect::<Vec<_>>(), ["too dark", "covered or frozen"]);
+        let told = serde_json::to_value(&health).unwrap();
+        assert_eq!(told["blind"], json!(["too dark", "covered or frozen"]));
+        assert_eq!(told["state"], "starting");
+    }
+
+    #[test]
+    fn a_link_that_lost_frames() {
+        let spec: LinkSpec = "udpout:127.0.0.1:14550".parse().unwrap();
+        let status = LinkStatus { sent: 9, capped: 2, dropped: u32::MAX, ..LinkStatus::default() };
+        let link = Link::from((&spec, status));
+        assert_eq!((link.up, link.sent, link.dropped), (false, 9, u64::from(u32::MAX) + 2));
+        assert_eq!(link.name, "udpout:127.0.0.1:14550");
+    }
 }
