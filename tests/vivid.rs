@@ -1,8 +1,9 @@
 //! The camera against the kernel's own test driver: `tests/vm/run` boots a machine that has it.
 #![cfg(target_os = "linux")]
 
+use lookout::shell::clock::now_us;
 use lookout::shell::source::Frame;
-use lookout::shell::v4l2::{Camera, CameraError, PixelFormat, Settings, Taken, now_us};
+use lookout::shell::v4l2::{Camera, CameraError, PixelFormat, Settings, Taken};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -5,6 +5,7 @@ pub mod bench;
 pub mod camera;
 pub mod cli;
 pub mod clips;
+pub mod clock;
 pub mod detections;
 pub mod difference;
 pub mod digest;

@@ -21,10 +21,10 @@ pub use error::CameraError;
 use self::abi::{Buffer, Capability};
 use self::device::{Device, Filled, Stream};
 use self::grey::{Converter, Layout};
+use crate::shell::clock::now_us;
 use crate::shell::source::Frame;
 use rustix::event::PollFlags;
 use rustix::io::Errno;
-use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 use std::borrow::ToOwned;
 use std::collections::BTreeMap;
@@ -291,12 +291,6 @@ fn monotonic_us(buffer: &Buffer) -> Option<i64> {
     let monotonic = buffer.flags & Buffer::TIMESTAMP_MASK == Buffer::TIMESTAMP_MONOTONIC;
     let time = buffer.seconds.checked_mul(1_000_000)?.checked_add(buffer.microseconds)?;
     monotonic.then_some(time)
-}
-
-/// Now by the clock that drivers use, microseconds.
-pub fn now_us() -> i64 {
-    let now = clock_gettime(ClockId::Monotonic);
-    now.tv_sec * 1_000_000 + now.tv_nsec / 1000
 }
 
 #[cfg(test)]
