@@ -1,7 +1,8 @@
 //! Motion JPEG: every buffer is a JPEG picture, of which only the luma is decoded.
 //!
-//! What a USB camera sends is often cut off or disturbed; such a picture is refused as a whole, since an object could
-//! be seen in what a lenient decoder makes of it.
+//! A picture that was cut off has no end and is refused. One that lost something in the middle and still ends in due
+//! form cannot be told from a good one by its bytes (the decoder's strict mode noticed 0 to 10 % of such damage, and
+//! refused good 4:4:4 pictures); the driver marks the buffer when it knows.
 
 use super::grey::Damaged;
 use std::vec::Vec;
@@ -47,7 +48,7 @@ impl Decoder {
             &self.completed
         };
         let options = DecoderOptions::default()
-            .set_strict_mode(true)
+            .set_strict_mode(false)
             .jpeg_set_out_colorspace(ColorSpace::Luma);
         let mut decoder = JpegDecoder::new_with_options(ZCursor::new(picture), options);
         decoder.decode_headers().map_err(|_| Damaged)?;
@@ -172,10 +173,6 @@ mod tests {
         let bytes = encoded();
         for length in 0..bytes.len() {
             assert_eq!(decode(&bytes[..length]), Err(Damaged), "after {length} bytes");
-            // As a camera that ends a picture early in due form.
-            let ended = [&bytes[..length], &END_OF_IMAGE].concat();
-            let kept = decode(&ended);
-            assert!(kept.is_err() || length + 2 >= bytes.len(), "ended after {length} bytes");
         }
     }
 
@@ -183,7 +180,7 @@ mod tests {
     #[test]
     fn pictures_of_other_encoders_are_read() {
         for subsampling in ["yuvj422p", "yuvj420p", "yuvj444p"] {
-            let child = Command::new("ffmpeg")
+            let run = Command::new("ffmpeg")
                 .args(["-v", "error", "-nostdin", "-f", "lavfi", "-i", "color=c=0x808080:s=52x35"])
                 .args([
                     "-frames:v",
@@ -198,7 +195,7 @@ mod tests {
                 ])
                 .stderr(Stdio::inherit())
                 .output();
-            let Ok(output) = child else {
+            let Ok(output) = run else {
                 eprintln!("skipped: no ffmpeg");
                 return;
             };
