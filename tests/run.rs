@@ -114,8 +114,12 @@ fn links_that_hang_hold_nobody_up() {
     let summary = run.stop();
     // One attempt to connect takes two seconds.
     assert!(summary.frames > 20, "{} frames", summary.frames);
-    let (_, _, p99) =
-        *summary.stages.percentiles(&summary.sent).iter().find(|s| s.0.contains("tracks and")).unwrap();
+    let (_, _, p99) = *summary
+        .stages
+        .percentiles(&summary.sent)
+        .iter()
+        .find(|s| s.0.contains("tracks and"))
+        .unwrap();
     assert!(p99 < 100_000, "{p99} us from detections to tracks");
 }
 

@@ -142,7 +142,8 @@ fn the_boards_settings_are_valid_and_explained() {
 #[test]
 fn it_ends_by_sigterm_with_everything_whole() {
     let mut ground = Ground::default();
-    let text = format!("record = 'FOLDER/record'\nevent_log = 'FOLDER/events'\n{}", settings(&ground));
+    let text =
+        format!("record = 'FOLDER/record'\nevent_log = 'FOLDER/events'\n{}", settings(&ground));
     let service = Service::start(&text, |_, _| {});
     ground.wait_state(ACTIVE, 0);
     let start = Instant::now();
@@ -152,7 +153,10 @@ fn it_ends_by_sigterm_with_everything_whole() {
     service.signal("TERM");
     let (status, out, err, folder) = service.ended();
     assert_eq!(status, Some(0), "{err}");
-    assert!(out.contains("frames looked at") && out.contains("exposure to last byte sent"), "{out}");
+    assert!(
+        out.contains("frames looked at") && out.contains("exposure to last byte sent"),
+        "{out}"
+    );
     let segment = listed(&folder.path().join("record")).swap_remove(0);
     let replay = fs::read_to_string(segment.join("replay.txt")).unwrap();
     let words: Vec<&str> = replay.split_whitespace().skip(1).collect();

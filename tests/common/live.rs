@@ -164,9 +164,8 @@ impl Ground {
 
     /// Waits for a heartbeat of this state and these reasons to be blind.
     pub fn wait_state(&mut self, status: u8, blind: u32) -> HEARTBEAT_DATA {
-        let wanted = |data: &HEARTBEAT_DATA| {
-            (data.system_status as u8, data.custom_mode) == (status, blind)
-        };
+        let wanted =
+            |data: &HEARTBEAT_DATA| (data.system_status as u8, data.custom_mode) == (status, blind);
         let what = format!("heartbeat of state {status}, blind {blind}");
         match self.wait(&what, |m| matches!(m, MavMessage::HEARTBEAT(data) if wanted(data))) {
             MavMessage::HEARTBEAT(data) => data,
