@@ -1,4 +1,6 @@
 //! What recorded flights show is not called blind, and the same out of focus is.
+//!
+//! All clips with LOOKOUT_ALL_FLIGHTS=1; LOOKOUT_MEASURE=1 prints what is measured in them.
 #![cfg(feature = "std")]
 
 use lookout::message::Blind;
@@ -45,7 +47,6 @@ fn frames(clip: &Path) -> Vec<Arc<Frame>> {
 #[test]
 fn recorded_flights_are_seen_and_out_of_focus_they_are_not() {
     let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
-    // All clips with LOOKOUT_ALL_FLIGHTS=1.
     let step = if env::var_os("LOOKOUT_ALL_FLIGHTS").is_some() { 1 } else { 16 };
     let (mut clips, mut told, mut lost) = (0, 0, 0);
     for split in ["real/dev", "airborne/dev"] {
@@ -65,12 +66,9 @@ fn recorded_flights_are_seen_and_out_of_focus_they_are_not() {
             if env::var_os("LOOKOUT_MEASURE").is_some() {
                 let all: Vec<Measures> = frames.iter().map(|frame| Measures::of(frame)).collect();
                 let steep = |all: &[Measures]| {
-                    [0, 1].map(|axis| {
-                        let mut v: Vec<u32> = all.iter().filter_map(|m| m.steep[axis]).collect();
-                        v.sort_unstable();
-                        let at = |part: usize| v.get(v.len().saturating_sub(1) * part / 2).copied();
-                        (at(0).unwrap_or(99), at(1).unwrap_or(99), at(2).unwrap_or(99), v.len())
-                    })
+                    let mut known: Vec<u32> = all.iter().filter_map(|m| m.steep).collect();
+                    known.sort_unstable();
+                    (known.first().copied(), known.last().copied(), known.len())
                 };
                 let dark = all.iter().map(|m| m.dark).max().unwrap();
                 let white = all.iter().map(|m| m.white).max().unwrap();
@@ -85,7 +83,7 @@ fn recorded_flights_are_seen_and_out_of_focus_they_are_not() {
             }
             assert!(blind.iter().all(|blind| !blind.any()), "{name}: {blind:?}");
             // Where there are edges at all, they are told from soft ones.
-            let edges = Measures::of(&frames[frames.len() / 2]).steep.iter().any(Option::is_some);
+            let edges = Measures::of(&frames[frames.len() / 2]).steep.is_some();
             let mut sight = Sight::default();
             let soft = |frame: &Arc<Frame>| sight.judge(&Arc::new(blurred(frame, 6.0)));
             let soft: Vec<Blind> = frames.iter().take(4).map(soft).collect();

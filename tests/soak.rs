@@ -1,6 +1,6 @@
 //! Hours in seconds: many small frames at full speed, and the memory stays as it is.
 //!
-//! LOOKOUT_SOAK=100000 runs so many frames; by default fewer. Alone in its program: the memory of a process is measured.
+//! LOOKOUT_SOAK=SECONDS runs longer than by default. Alone in its program: the memory of a process is measured.
 #![cfg(all(feature = "std", target_os = "linux"))]
 
 #[allow(dead_code, reason = "frames alone are drawn")]
@@ -23,12 +23,12 @@ fn resident() -> u64 {
 
 #[test]
 fn memory_stays_flat() {
-    let frames: u32 = env::var("LOOKOUT_SOAK").map_or(6000, |text| text.parse().unwrap());
+    let seconds = env::var("LOOKOUT_SOAK").map_or(5, |text| text.parse().unwrap());
     let folder = tempfile::tempdir().unwrap();
     let mut ground = Ground::default();
     ground.socket.set_nonblocking(true).unwrap();
     let faults = Faults::default();
-    let open = drawn((64, 48), Duration::from_micros(100), frames, &faults);
+    let open = drawn((64, 48), Duration::from_micros(100), u32::MAX, &faults);
     let text = format!(
         "links = ['{}']\nmodel = '{MODEL}'\nthreads = 1\nevent_log = '{}'\nevent_log_megabytes = 1\n",
         ground.link(),
@@ -37,13 +37,13 @@ fn memory_stays_flat() {
     let start = Instant::now();
     let run = Run::start(&text, open, faults);
     let mut series = Vec::new();
-    while !run.is_finished() {
+    while start.elapsed() < Duration::from_secs(seconds) {
         while ground.hear().is_some() {}
         ground.heard.clear();
         series.push(resident());
         thread::sleep(Duration::from_millis(20));
     }
-    let summary = run.ended();
+    let summary = run.stop();
     // Warm after a quarter.
     let (warm, rest) = (series[series.len() / 4], &series[series.len() / 4..]);
     let most = rest.iter().max().unwrap();
@@ -53,6 +53,6 @@ fn memory_stays_flat() {
         summary.dropped,
         start.elapsed().as_secs_f64()
     );
-    assert_eq!(summary.frames + u64::from(summary.dropped), u64::from(frames));
+    assert!(summary.frames > 100, "{} frames", summary.frames);
     assert!(most.saturating_sub(warm) < 1500, "{warm} kB grew to {most} kB");
 }

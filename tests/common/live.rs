@@ -227,11 +227,6 @@ impl Run {
         self.ended()
     }
 
-    /// Whether it has come to its end.
-    pub fn is_finished(&self) -> bool {
-        self.thread.is_finished()
-    }
-
     /// Waits for its own end.
     pub fn ended(self) -> Summary {
         self.thread.join().unwrap().unwrap()

@@ -66,7 +66,7 @@ fn named(config: &Config) -> Named<'_> {
         Some(("file", path)) => Named::File(path),
         Some(("simulate", kind)) => Named::Simulated(SimulateSettings {
             kind: Kind::from_str(kind, false).unwrap_or(Kind::None),
-            seconds: 60.0,
+            seconds: 20.0,
             width: config.camera.width.max(64),
             height: config.camera.height.max(64),
             fps: config.camera.rate,
