@@ -9,7 +9,7 @@ use crate::component::parameters::{Parameter, Parameters};
 use crate::component::{Component, Config, Event, Outgoing, Trust};
 use crate::detector::Detections;
 use crate::geometry::Attitude;
-use crate::message::Health;
+use crate::message::{Blind, Health};
 use crate::traffic::{MAX_TRAFFIC, Traffic};
 use crate::watch::{Settings, Watch};
 use mavlink::MAVLinkMessageRaw;
@@ -43,6 +43,17 @@ impl Onboard {
         self.heed();
     }
 
+    /// Looks through another camera from now on; every track ends.
+    pub fn set_camera(&mut self, camera: Camera) {
+        self.watch = Watch::new(settings(self.component.parameters()), camera);
+    }
+
+    /// Takes how many frames were left out since the start, and why nothing can be seen, if so; told with the next frame.
+    pub fn report(&mut self, dropped: u32, blind: Blind) {
+        self.health.dropped = dropped;
+        self.health.blind = blind;
+    }
+
     /// Takes what the detector found in the frame taken at `time_us` and finished at `now_us`; gives the objects that are
     /// followed.
     pub fn see(
@@ -64,6 +75,16 @@ impl Onboard {
         let message = self.component.poll(now_us);
         self.heed();
         message
+    }
+
+    /// The attitude of the vehicle at `time_us`, where it is known.
+    pub fn attitude(&self, time_us: i64) -> Option<Attitude> {
+        self.attitudes.at(time_us)
+    }
+
+    /// The camera.
+    pub fn camera(&self) -> &Camera {
+        self.watch.camera()
     }
 
     /// The component, to look at.
