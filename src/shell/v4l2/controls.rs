@@ -185,9 +185,15 @@ pub fn set_all(
     values: &BTreeMap<String, i64>,
     path: &Path,
 ) -> core::result::Result<(), CameraError> {
-    let mut found = Vec::new();
+    let mut found: Vec<(&Control, i64)> = Vec::new();
     for (name, &value) in values {
-        found.push((find(controls, name, path)?, value));
+        let control = find(controls, name, path)?;
+        if found.iter().any(|(other, _)| other.id == control.id) {
+            let (path, name) = (path.into(), control.name.clone());
+            let reason = "it is set twice, by two spellings of its name".to_owned();
+            return Err(CameraError::ControlValue { path, name, value, reason });
+        }
+        found.push((control, value));
     }
     found.sort_by_key(|(control, _)| !control.name.contains("auto"));
     found.into_iter().try_for_each(|(control, value)| set(device, control, value, path))

@@ -17,7 +17,7 @@ pub struct Layout {
     /// Whether black is 16 and white 235.
     ///
     /// A driver that does not say so leaves the format's default. That is limited for YUYV, UYVY and NV12, full for
-    /// MJPEG; grey cameras give the full range, although the kernel's rule for grey is that of colour.
+    /// MJPEG and GREY.
     pub limited_range: bool,
 }
 
