@@ -32,7 +32,7 @@ pub struct Reading {
     pub snapshot: Arc<Snapshot>,
     /// Since it was published.
     pub age: Duration,
-    /// Since the number of frames last changed; `None` before the first frame.
+    /// Since number or time of the frames last changed; `None` before the first frame.
     pub frame_age: Option<Duration>,
 }
 
@@ -44,7 +44,7 @@ pub struct Board(Mutex<Newest>);
 struct Newest {
     snapshot: Arc<Snapshot>,
     published: Instant,
-    /// When the number of frames last changed.
+    /// When number or time of the frames last changed.
     frame: Option<Instant>,
     /// The newest picture, and when it came.
     shown: Option<(Arc<Shown>, Instant)>,
@@ -81,7 +81,8 @@ impl Board {
         let picture = snapshot.picture.take().filter(Picture::is_whole);
         let shown = picture.map(|picture| (picture, snapshot.tracks.clone()));
         let mut newest = self.newest();
-        if snapshot.health.frames != newest.snapshot.health.frames {
+        let frame = |snapshot: &Snapshot| (snapshot.health.frames, snapshot.time_us);
+        if frame(&snapshot) != frame(&newest.snapshot) {
             newest.frame = Some(now);
         }
         let mut old = None;

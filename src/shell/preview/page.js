@@ -1,7 +1,9 @@
 "use strict";
 
 // Milliseconds.
-const STATE_EVERY = 200, PICTURE_EVERY = 100, STALE = 2000, GIVE_UP = 5000;
+const STATE_EVERY = 200, PICTURE_EVERY = 100, STALE = 2000;
+// A picture may take its time over a slow link; a state that late is asked for again.
+const STATE_WITHIN = 3000, PICTURE_WITHIN = 9000;
 const LEVELS = { none: "No alert", traffic: "Traffic", caution: "Caution", warning: "Warning" };
 const URGENCY = Object.keys(LEVELS);
 const STATES = { starting: "starting", watching: "watching", blind: "blind", camera_gone: "camera gone" };
@@ -22,11 +24,11 @@ if (given !== null) {
 }
 
 // The answer with its content as `read` takes it; null where there is none: the age of what is shown tells that.
-async function ask(path, headers, read) {
+async function ask(path, headers, within, read) {
   const token = sessionStorage.getItem("token");
   if (token) headers.Authorization = `Bearer ${token}`;
   try {
-    const answer = await fetch(path, { headers, cache: "no-store", signal: AbortSignal.timeout(GIVE_UP) });
+    const answer = await fetch(path, { headers, cache: "no-store", signal: AbortSignal.timeout(within) });
     refused = answer.status === 401;
     return answer.status === 200 ? { headers: answer.headers, content: await read(answer) } : null;
   } catch {
@@ -48,7 +50,7 @@ async function repeat(every, question) {
 }
 
 async function askState() {
-  const answer = await ask("state.json", {}, (answer) => answer.json());
+  const answer = await ask("state.json", {}, STATE_WITHIN, (answer) => answer.json());
   if (answer) {
     state = answer.content;
     heard = performance.now();
@@ -59,7 +61,7 @@ async function askState() {
 async function askPicture() {
   if (document.hidden || !state) return;
   const known = tag ? { "If-None-Match": tag } : {};
-  const answer = await ask("frame.jpg", known, (answer) => answer.blob());
+  const answer = await ask("frame.jpg", known, PICTURE_WITHIN, (answer) => answer.blob());
   if (!answer) return;
   const bitmap = await createImageBitmap(answer.content);
   tag = answer.headers.get("ETag");
