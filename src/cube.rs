@@ -1,11 +1,11 @@
-//! St-cubes: windows on the integral gradient images of several frames (level 3).
+//! St-cubes: windows on the gradient energies of several frames (level 3).
 //!
-//! A [`Patch`] is one slice: the summed-area table of a window of [`WINDOW`] x [`WINDOW`] cells, cut out at a quarter
-//! of a cell. Since box sums are linear in the table's corners, interpolated corners give the box sums of the
+//! A [`Patch`] is one slice: the summed-area table (Viola & Jones 2001, sec. 2.1) of a window of [`WINDOW`] x [`WINDOW`]
+//! cells, cut out at a quarter of a cell. Since box sums are linear in the table's corners, interpolated corners give the box sums of the
 //! interpolated channels. In the paper's terms a window is 40x40 px with targets about 20 px long: the finest level
 //! takes its gradients at every second of those pixels, which is the frame's own resolution for targets of 10 px.
 
-use crate::integral::{CHANNELS, Integral};
+use crate::channels::{CHANNELS, Newest, Slice, Square};
 
 /// Cells along one side of a window.
 pub const WINDOW: usize = 10;
@@ -32,40 +32,47 @@ impl Patch {
     /// A patch of nothing.
     pub const EMPTY: Self = Self { corners: [[[0; CHANNELS]; CORNERS]; CORNERS] };
 
-    /// Cuts the window whose upper left corner is at (x, y), in quarters of a cell, out of `table`. What lies outside
-    /// the table counts as 0.
-    pub fn cut(&mut self, table: &Integral<'_>, x: i32, y: i32) {
-        let (cx, cy) = (x.div_euclid(SUBCELL), y.div_euclid(SUBCELL));
-        let (fx, fy) = (x.rem_euclid(SUBCELL) as u32, y.rem_euclid(SUBCELL) as u32);
+    /// Cuts the window whose upper left corner is at (x, y), in quarters of a cell, out of a frame. What lies outside of
+    /// it counts as 0.
+    pub fn cut(&mut self, slice: &Slice<'_>, x: i32, y: i32) {
+        let (cell, part) = corner(x, y);
+        self.sum_up(&slice.square(cell.0, cell.1), part);
+    }
+
+    /// As [`Patch::cut`], of the channels that the newest frame alone has.
+    pub fn cut_newest(&mut self, newest: &Newest<'_>, x: i32, y: i32) {
+        let (cell, part) = corner(x, y);
+        self.sum_up(&newest.square(cell.0, cell.1), part);
+    }
+
+    /// Sums up the window that begins `part` (quarters of a cell) right of and below the first corner of `cells`.
+    fn sum_up(&mut self, cells: &Square<CORNERS>, (fx, fy): (u32, u32)) {
         let unit = SUBCELL as u32;
-        let origin = table.corner(cx, cy);
-        // Corner (i, j) relative to the window's own corner: the sum of the box between them, exact in 16 bits.
-        let mut last = [[0u32; CHANNELS]; CORNERS];
+        // Of each corner of a row of cells: sums over all cells above and to the left, those of the row before it, and
+        // the interpolation between it and the one to its right, of the row before.
+        let mut sums = [[0u32; CHANNELS]; CORNERS + 1];
         for j in 0..=CORNERS {
-            let row = cy + j as i32;
-            let edge = table.corner(cx, row);
-            let relative = |i: i32| -> [u32; CHANNELS] {
-                let (corner, top) = (table.corner(cx + i, row), table.corner(cx + i, cy));
-                core::array::from_fn(|c| {
-                    u32::from(
-                        corner[c]
-                            .wrapping_sub(edge[c])
-                            .wrapping_sub(top[c])
-                            .wrapping_add(origin[c]),
-                    )
-                })
-            };
-            let mut left = relative(0);
-            for (i, above) in last.iter_mut().enumerate() {
-                let right = relative(i as i32 + 1);
-                let mixed: [u32; CHANNELS] =
-                    core::array::from_fn(|c| left[c] * (unit - fx) + right[c] * fx);
-                if let Some(row) = j.checked_sub(1) {
-                    self.corners[row][i] =
-                        core::array::from_fn(|c| above[c] * (unit - fy) + mixed[c] * fy);
+            if let Some(row) = j.checked_sub(1) {
+                let mut left = [0; CHANNELS];
+                for (sums, cell) in sums[1..].iter_mut().zip(&cells[row]) {
+                    for ((sum, left), value) in sums.iter_mut().zip(&mut left).zip(cell) {
+                        *left += u32::from(*value);
+                        *sum += *left;
+                    }
                 }
-                *above = mixed;
-                left = right;
+            }
+            for i in 0..CORNERS {
+                let (left, right) = (&sums[i], &sums[i + 1]);
+                for c in 0..CHANNELS {
+                    let mixed = left[c] * (unit - fx) + right[c] * fx;
+                    // Each corner is a mixture of this row's and the next one's.
+                    if j < CORNERS {
+                        self.corners[j][i][c] = mixed * (unit - fy);
+                    }
+                    if let Some(row) = j.checked_sub(1) {
+                        self.corners[row][i][c] += mixed * fy;
+                    }
+                }
             }
         }
     }
@@ -79,7 +86,13 @@ impl Patch {
     }
 }
 
-/// A st-cube: a patch of each of the last [`SLICES`] frames, newest first, and the newest frame's second table.
+/// The cell that holds a point in quarters of a cell, and how far in it is.
+fn corner(x: i32, y: i32) -> ((i32, i32), (u32, u32)) {
+    let part = |v: i32| v.rem_euclid(SUBCELL) as u32;
+    ((x.div_euclid(SUBCELL), y.div_euclid(SUBCELL)), (part(x), part(y)))
+}
+
+/// A st-cube: a patch of each of the last [`SLICES`] frames, newest first, and what the newest frame has beside.
 #[derive(Debug, Clone)]
 pub struct Cube {
     /// Slice k is cut from the frame k frames ago.
@@ -103,11 +116,24 @@ impl Cube {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
-    use crate::integral::{Builder, words};
+    use crate::channels::tests::level;
     use proptest::prelude::*;
-    use std::vec;
+
+    /// Cuts a patch out of a level of `columns` cells in a row.
+    pub(crate) fn cut(cells: &[[u8; CHANNELS]], columns: usize, x: i32, y: i32) -> Patch {
+        let ((left, top), part) = corner(x, y);
+        let cell = |i: usize, j: usize| {
+            let (x, y) = (left + i as i32, top + j as i32);
+            let inside = (0..columns as i32).contains(&x) && y >= 0;
+            let place = || y as usize * columns + x as usize;
+            inside.then(|| cells.get(place())).flatten().copied().unwrap_or_default()
+        };
+        let mut patch = Patch::EMPTY;
+        patch.sum_up(&core::array::from_fn(|j| core::array::from_fn(|i| cell(i, j))), part);
+        patch
+    }
 
     proptest! {
         #[test]
@@ -116,14 +142,7 @@ mod tests {
             x in -60..80i32, y in -60..60i32, bx in 0..10usize, by in 0..10usize, w in 0..10usize, h in 0..10usize,
         ) {
             let (width, height) = (19usize, 13usize);
-            let mut storage = vec![0; words(width, height)];
-            let mut builder = Builder::new(&mut storage, width);
-            for row in cells.chunks(width) {
-                builder.push_row(|x| row[x]);
-            }
-            let table = Integral::new(&storage, width, height);
-            let mut patch = Patch::EMPTY;
-            patch.cut(&table, x, y);
+            let patch = cut(&cells, width, x, y);
             let (x1, y1) = ((bx + w).min(WINDOW), (by + h).min(WINDOW));
             // Brute force: every cell of the window is a mixture of four.
             let value = |i: i32, j: i32| {
@@ -143,6 +162,24 @@ mod tests {
                 }
             }
             prop_assert_eq!(i64::from(patch.sum(3, bx, by, x1, y1)), naive);
+        }
+
+        #[test]
+        fn patches_of_pictures_are_those_of_their_cells(level in level(), x in -60..100i32, y in -60..80i32) {
+            let newest = level.newest();
+            let (columns, rows) = newest.slice.cells();
+            let all = |second: bool| -> std::vec::Vec<[u8; CHANNELS]> {
+                let place = |n: usize| (n % columns, n / columns);
+                (0..columns * rows).map(place).map(|(x, y)| {
+                    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = newest.row(y).cell(x);
+                    if second { [grey, far, near, plain, 0, 0, 0, 0] } else { [a, b, c, d, e, f, magnitude, near] }
+                }).collect()
+            };
+            let (mut first, mut second) = (Patch::EMPTY, Patch::EMPTY);
+            first.cut(&newest.slice, x, y);
+            second.cut_newest(&newest, x, y);
+            prop_assert_eq!(first.corners, cut(&all(false), columns, x, y).corners);
+            prop_assert_eq!(second.corners, cut(&all(true), columns, x, y).corners);
         }
     }
 }

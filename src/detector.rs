@@ -3,31 +3,25 @@
 use crate::cube::Cube;
 use crate::front::{FrontEnd, Parts};
 use crate::image::{Image, Rect};
-use crate::judge::{Judge, Judged, nominal, window};
-use crate::levels::{Geometry, LevelBuffers, MAX_LEVELS, Pyramid};
+use crate::judge::{Judge, Judged};
+use crate::levels::Geometry;
 use crate::model::{Method, Model};
 use crate::motion::Alignment;
 use crate::nms;
 use crate::persistence::Persistence;
 use crate::planar::Motion;
-use crate::scan::{Candidate, Map};
-use core::cmp::Reverse;
-use heapless::binary_heap::{BinaryHeap, Min};
+use crate::search::{self, Counts, Scratch, nominal, window};
 
 pub use crate::cube::SLICES;
 pub use crate::detection::{Detection, Shift};
+pub use crate::history::History;
+pub use crate::search::MAX_CANDIDATES;
 
 /// Most detections of one frame.
 pub const MAX_DETECTIONS: usize = 64;
 
-/// Most windows of one level that the scan hands on: the best ones.
-pub const MAX_CANDIDATES: usize = 256;
-
-/// Most detections of a frame that are looked at again, the surest ones.
-const MAX_REFINED: usize = 10;
-
-/// Overlap (IoU, Q8) above which the weaker of two windows of the scan goes.
-const CANDIDATE_OVERLAP: u8 = 128;
+/// Most detections of a frame that are looked at again, the surest ones, with a full history and with a half one.
+const MAX_REFINED: [usize; 2] = [10, 4];
 
 /// Overlap (IoU, Q8) above which the weaker of two detections goes.
 const DETECTION_OVERLAP: u8 = 64;
@@ -49,6 +43,10 @@ pub struct Config {
     pub scales_per_octave: usize,
     /// Windows of the scan that are judged by their st-cube, the best ones; at most [`MAX_CANDIDATES`].
     pub candidates: usize,
+    /// What is kept of the last frames, as the model was trained.
+    pub history: History,
+    /// Memory to work on all levels at the same time, where there are threads for it.
+    pub parallel: bool,
     /// Align older frames to the newest one before looking for motion.
     pub registration: bool,
     /// Look at temporal differences.
@@ -74,6 +72,8 @@ impl Config {
             threshold: i32::MIN,
             scales_per_octave: 2,
             candidates: 48,
+            history: History::Full,
+            parallel: true,
             registration: true,
             temporal: true,
             alignment: Alignment::Background,
@@ -83,9 +83,16 @@ impl Config {
         }
     }
 
-    /// The defaults with the parts that a model was trained with: see [`Model::method`].
+    /// The defaults with the parts that a model was trained with: see [`Model::method`]. A half history is for small
+    /// boards: fewer candidates, one level after the other.
     pub const fn of_method(width: usize, height: usize, method: Method) -> Self {
+        let full = matches!(method.history, History::Full);
         Self {
+            history: method.history,
+            parallel: full,
+            candidates: if full { 48 } else { 24 },
+            // Where older slices are not kept there is nothing to follow an object through.
+            trace: full,
             registration: method.registration,
             temporal: method.temporal,
             alignment: method.alignment,
@@ -98,12 +105,14 @@ impl Config {
 
     /// Bytes that [`Buffers::bytes`] must have.
     pub const fn bytes_len(&self) -> usize {
-        FrontEnd::bytes_len(self.width, self.height, &self.geometry())
+        let geometry = self.geometry();
+        let scratch = search::bytes_len(&geometry, self.parallel);
+        FrontEnd::bytes_len(self.width, self.height, &geometry, scratch)
     }
 
     /// Words that [`Buffers::words`] must have.
     pub const fn words_len(&self) -> usize {
-        FrontEnd::words_len(&self.geometry())
+        search::words_len(&self.geometry(), self.parallel)
     }
 
     /// The levels that are searched.
@@ -114,6 +123,7 @@ impl Config {
             self.min_target,
             self.max_target,
             self.scales_per_octave,
+            self.history,
         )
     }
 
@@ -168,9 +178,9 @@ impl core::error::Error for Error {}
 pub enum Stage {
     /// Motion of the background, and the differences that remain.
     Registration,
-    /// Pyramid, gradients, channels, integral images.
+    /// The pictures of all levels.
     Channels,
-    /// Sliding window, candidates.
+    /// Gradients, maps, sliding window, candidates.
     Scan,
     /// St-cubes: Algorithm 1, classifier.
     Cubes,
@@ -214,12 +224,6 @@ pub struct Detections {
     pub motion: Motion,
 }
 
-/// Best windows of one level.
-type Kept = BinaryHeap<(i32, Reverse<(i16, i16)>), Min, MAX_CANDIDATES>;
-
-/// Windows of all levels.
-pub type Candidates = heapless::Vec<Candidate, { MAX_LEVELS * MAX_CANDIDATES }>;
-
 /// Finds flying objects in the frames of one camera.
 #[derive(Debug)]
 pub struct Detector<'m, 'b> {
@@ -228,19 +232,6 @@ pub struct Detector<'m, 'b> {
     front: FrontEnd,
     persistence: Persistence<MAX_DETECTIONS>,
     buffers: Buffers<'b>,
-}
-
-/// Runs `work` on every searched level, in parallel with the feature `rayon`.
-fn each_level<'a>(pyramid: &mut Pyramid<'a>, work: impl Fn(&mut LevelBuffers<'a>) + Send + Sync) {
-    #[cfg(feature = "rayon")]
-    {
-        use rayon::prelude::*;
-        if rayon::current_num_threads() > 1 {
-            let levels = pyramid.as_mut_slice().par_iter_mut().with_max_len(1);
-            return levels.filter(|l| l.level.active).for_each(work);
-        }
-    }
-    pyramid.iter_mut().filter(|l| l.level.active).for_each(work);
 }
 
 impl<'m, 'b> Detector<'m, 'b> {
@@ -289,31 +280,32 @@ impl<'m, 'b> Detector<'m, 'b> {
         let Self { model, config, front, persistence, buffers } = self;
         front.take(frame, buffers.bytes);
         front.build(frame, buffers.bytes, &mut || observer(Stage::Registration));
-        let (mut pyramid, frames) = front.pyramid_and_frames(buffers.bytes, buffers.words);
-        each_level(&mut pyramid, |level| front.fill_tables(level));
-        let noise = FrontEnd::noise(&pyramid);
-        each_level(&mut pyramid, |level| front.fill_map(level, &noise));
+        let (pyramid, scratch) = front.pyramid(frame, buffers.bytes);
         observer(Stage::Channels);
+        let scratch = Scratch { bytes: scratch, words: buffers.words };
+        let (candidates, Counts { windows, kept, dropped }) =
+            search::search(model.scan(), &pyramid, config.candidates, config.parallel, scratch);
+        observer(Stage::Scan);
         let mut detections = Detections {
             registered: front.registered(),
             motion: front.motion(),
+            windows,
+            kept,
+            dropped,
             ..Detections::default()
         };
-        let candidates = scan(model, config, &pyramid, &mut detections);
-        observer(Stage::Scan);
         let judge = Judge {
             model,
             alignment: config.alignment,
             trace: config.trace,
             stcube: config.stcube,
             front,
-            frames,
-            pyramid: &pyramid,
+            pyramid,
         };
         let mut found: heapless::Vec<Judged, MAX_CANDIDATES> = heapless::Vec::new();
         let mut cube = Cube::EMPTY;
         for candidate in &candidates {
-            let level = &pyramid[usize::from(candidate.level)];
+            let level = &pyramid.levels()[usize::from(candidate.level)];
             // As much room as there are candidates, here and below.
             let _ = detections.proposals.push(nominal(window(candidate), level));
             if let Some(judged) = judge.candidate(candidate, &mut cube) {
@@ -321,10 +313,14 @@ impl<'m, 'b> Detector<'m, 'b> {
             }
         }
         found.sort_unstable_by_key(Judged::rank);
-        detections.dropped +=
-            nms::suppress(&mut found, |j| j.detection.rect, DETECTION_OVERLAP, MAX_DETECTIONS);
+        let suppress = |found: &mut [Judged]| {
+            nms::suppress(found, |j| j.detection.rect, DETECTION_OVERLAP, MAX_DETECTIONS)
+        };
+        let (length, dropped) = suppress(&mut found);
+        found.truncate(length);
+        detections.dropped += dropped;
         observer(Stage::Cubes);
-        for judged in found.iter_mut().take(MAX_REFINED) {
+        for judged in found.iter_mut().take(MAX_REFINED[config.history as usize]) {
             judge.refine(judged, &mut cube);
         }
         if config.persistence {
@@ -338,7 +334,8 @@ impl<'m, 'b> Detector<'m, 'b> {
         }
         found.retain(|judged| judged.detection.score >= config.threshold);
         found.sort_unstable_by_key(Judged::rank);
-        nms::suppress(&mut found, |j| j.detection.rect, DETECTION_OVERLAP, MAX_DETECTIONS);
+        let (length, _) = suppress(&mut found);
+        found.truncate(length);
         detections.list.extend(found.iter().map(|j| j.detection));
         observer(Stage::Boxes);
         Ok(detections)
@@ -348,61 +345,4 @@ impl<'m, 'b> Detector<'m, 'b> {
     pub fn release(self) -> Buffers<'b> {
         self.buffers
     }
-}
-
-/// The windows that the scan hands on, best first. The pyramid's maps must be filled.
-pub fn scan(
-    model: &Model<'_>,
-    config: &Config,
-    pyramid: &Pyramid<'_>,
-    detections: &mut Detections,
-) -> Candidates {
-    let search = |level: &LevelBuffers<'_>| {
-        let (columns, rows) = level.level.cells();
-        let map = Map::new(level.map(), columns, rows);
-        let (mut kept, mut number) = (Kept::new(), 0u32);
-        map.scan(level.number, model.scan(), |candidate| {
-            number += 1;
-            let item = (candidate.score, Reverse((candidate.y, candidate.x)));
-            if kept.push(item).is_err() && kept.peek().is_some_and(|worst| *worst < item) {
-                kept.pop();
-                // There is room now.
-                let _ = kept.push(item);
-            }
-        });
-        (level.number, map.window_count(), number, kept)
-    };
-    let mut all = Candidates::new();
-    let mut merge = |(level, windows, number, kept): (u8, u32, u32, Kept)| {
-        detections.windows += windows;
-        detections.kept += number;
-        detections.dropped += number - kept.len() as u32;
-        for &(score, Reverse((y, x))) in kept.iter() {
-            // The room is that of all levels together.
-            let _ = all.push(Candidate { level, x, y, score });
-        }
-    };
-    let active = || pyramid.iter().filter(|l| l.level.active);
-    #[cfg(feature = "rayon")]
-    {
-        use rayon::prelude::*;
-        if rayon::current_num_threads() > 1 {
-            let found: std::vec::Vec<_> = active()
-                .collect::<std::vec::Vec<_>>()
-                .into_par_iter()
-                .with_max_len(1)
-                .map(search)
-                .collect();
-            found.into_iter().for_each(&mut merge);
-        } else {
-            active().map(search).for_each(&mut merge);
-        }
-    }
-    #[cfg(not(feature = "rayon"))]
-    active().map(search).for_each(&mut merge);
-    all.sort_unstable_by_key(|c| (Reverse(c.score), c.level, c.y, c.x));
-    let rect = |c: &Candidate| nominal(window(c), &pyramid[usize::from(c.level)]);
-    detections.dropped +=
-        nms::suppress(&mut all, rect, CANDIDATE_OVERLAP, config.candidates.min(MAX_CANDIDATES));
-    all
 }

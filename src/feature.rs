@@ -38,7 +38,7 @@ pub enum Denominator {
 pub struct Feature {
     /// What the sum is divided by.
     pub denominator: Denominator,
-    /// Channel of the first table (0..8), of the second one (8..16), or number of the scalar.
+    /// Channel of every frame (0..8), of the newest one (8..16), or number of the scalar.
     pub channel: u8,
     /// Columns `x.0..x.1`.
     pub x: (u8, u8),
@@ -55,7 +55,7 @@ impl Feature {
     }
 
     /// Reads [`ENCODED`] bytes: denominator, channel, x, y, t. `None` when a box is empty or leaves the cube, or a
-    /// channel does not exist (the second table is there for slice 0 only).
+    /// channel does not exist (those from 8 on are there for slice 0 only).
     pub fn decode(bytes: &[u8; ENCODED]) -> Option<Self> {
         let [denominator, channel, x0, x1, y0, y1, t0, t1] = *bytes;
         let denominator = match denominator {
@@ -209,7 +209,7 @@ impl<'m> Features<'m> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::integral::{Builder, Integral, words};
+    use crate::cube::tests::cut;
     use proptest::prelude::*;
     use std::vec;
     use std::vec::Vec;
@@ -230,12 +230,7 @@ mod tests {
     }
 
     fn patch((cells, x, y): &Cells) -> Patch {
-        let mut storage = vec![0; words(SIDE, SIDE)];
-        let mut builder = Builder::new(&mut storage, SIDE);
-        cells.chunks(SIDE).for_each(|row| builder.push_row(|x| row[x]));
-        let mut patch = Patch::EMPTY;
-        patch.cut(&Integral::new(&storage, SIDE, SIDE), *x, *y);
-        patch
+        cut(cells, SIDE, *x, *y)
     }
 
     /// Sum of a channel over a box of the window, each of whose cells is a mixture of four of the table.

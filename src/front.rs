@@ -1,22 +1,20 @@
-//! The front end: from frames to the channels of all levels, for the last frames (level 6).
+//! The front end: from frames to the pictures of all levels, for the last frames (level 6).
 //!
-//! Keeps the last [`SLICES`] frames, measures the background's motion between them, takes the differences that remain
-//! to older frames, and fills the tables and maps that the scan and the st-cubes read.
+//! Keeps what [`History`] says of the last frames, measures the background's motion between them, takes the differences
+//! that remain to older frames, and fills the pictures that the scan and the st-cubes read.
 
-use crate::channels::{self, DIFFERENCES};
 use crate::cube::SLICES;
+use crate::history::{FARTHEST, History, Ring};
 use crate::image::Image;
-use crate::levels::{self, Geometry, LevelBuffers, Pyramid};
+use crate::levels::{self, Geometry, Picture, Pictures, Pyramid};
 use crate::motion::Slices;
-use crate::registration::{Motion, Registration};
+use crate::pyramid;
+use crate::registration::{self, LEVELS, Motion};
 use crate::warp;
 
-/// Frames back to which differences are taken: far back for what moves slowly against the background, and to the oldest
-/// slice of a cube for what moves fast.
-const LAGS: [usize; 2] = [10, SLICES - 1];
-
-/// Frames kept: the newest and as many before it as the longest lag.
-pub const KEPT: usize = LAGS[0] + 1;
+/// Frames before a frame that its channels depend on, at most; with those of the oldest slice of a cube
+/// [`SLICES`] - 1 more.
+pub const REACH: usize = FARTHEST;
 
 /// Which parts of the front end are on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,73 +32,82 @@ pub struct FrontEnd {
     height: usize,
     parts: Parts,
     geometry: Geometry,
-    registration: Registration,
     /// Motion from the frame k ago to the one before it.
-    motions: [Motion; KEPT - 1],
-    /// Frames seen, at most [`KEPT`].
+    motions: [Motion; FARTHEST],
+    /// Frames seen, at most one more than there are motions.
     seen: usize,
-    /// Place of the newest frame in the ring of frames.
-    place: usize,
-    /// Place of the newest frame's tables in the rings of the levels.
-    slot: usize,
+    frames: Ring,
+    halves: Ring,
+    coarse: Ring,
+    slots: Ring,
 }
 
-/// The frame's own memory, divided.
+/// The memory, divided. Rings of frames: whole, halved once, halved twice and three times.
 struct Divided<'a> {
     frames: &'a mut [u8],
-    warped: &'a mut [u8],
-    differences: &'a mut [u8],
-    registration: &'a mut [u8],
+    halves: &'a mut [u8],
+    coarse: &'a mut [u8],
     levels: &'a mut [u8],
+    scratch: &'a mut [u8],
+}
+
+/// Pixels of a frame halved so many times.
+const fn pixels(width: usize, height: usize, octave: usize) -> usize {
+    (width >> octave) * (height >> octave)
+}
+
+/// Pixels of a frame halved twice and three times.
+const fn coarse_len(width: usize, height: usize) -> usize {
+    pixels(width, height, 2) + pixels(width, height, 3)
 }
 
 impl FrontEnd {
     /// For frames of `width` x `height` and the levels of `geometry`, which must be of the same size; no frame seen.
     pub const fn new(width: usize, height: usize, geometry: Geometry, parts: Parts) -> Self {
+        let history = geometry.history();
         Self {
             width,
             height,
             parts,
             geometry,
-            registration: Registration::new(width, height),
-            motions: [Motion::IDENTITY; KEPT - 1],
+            motions: [Motion::IDENTITY; FARTHEST],
             seen: 0,
-            place: 0,
-            slot: 0,
+            frames: Ring::new(history.frames()),
+            halves: Ring::new(history.halves()),
+            coarse: Ring::new(2),
+            slots: Ring::new(history.slices()),
         }
     }
 
-    /// Bytes of memory.
-    pub const fn bytes_len(width: usize, height: usize, geometry: &Geometry) -> usize {
-        (KEPT + 1 + DIFFERENCES) * width * height
-            + Registration::buffer_len(width, height)
+    /// Bytes of memory, of which `scratch` are free between the calls.
+    pub const fn bytes_len(
+        width: usize,
+        height: usize,
+        geometry: &Geometry,
+        scratch: usize,
+    ) -> usize {
+        let history = geometry.history();
+        // A warped frame is needed only while the scratch memory is not.
+        let warped = pixels(width, height, history.octave() as usize);
+        history.frames() * width * height
+            + history.halves() * pixels(width, height, 1)
+            + 2 * coarse_len(width, height)
             + geometry.bytes_len()
-    }
-
-    /// Words of memory.
-    pub const fn words_len(geometry: &Geometry) -> usize {
-        geometry.words_len()
+            + if scratch > warped { scratch } else { warped }
     }
 
     fn divide<'a>(&self, bytes: &'a mut [u8]) -> Divided<'a> {
-        let pixels = self.width * self.height;
-        let (frames, rest) = bytes.split_at_mut(KEPT * pixels);
-        let (warped, rest) = rest.split_at_mut(pixels);
-        let (differences, rest) = rest.split_at_mut(DIFFERENCES * pixels);
-        let (registration, levels) =
-            rest.split_at_mut(Registration::buffer_len(self.width, self.height));
-        Divided { frames, warped, differences, registration, levels }
+        let (width, height, history) = (self.width, self.height, self.geometry.history());
+        let (frames, rest) = bytes.split_at_mut(history.frames() * width * height);
+        let (halves, rest) = rest.split_at_mut(history.halves() * pixels(width, height, 1));
+        let (coarse, rest) = rest.split_at_mut(2 * coarse_len(width, height));
+        let (levels, scratch) = rest.split_at_mut(self.geometry.bytes_len());
+        Divided { frames, halves, coarse, levels, scratch }
     }
 
-    /// Place in the rings of the levels of the frame `age` frames ago; the oldest one seen stands for those before it.
-    fn slot(&self, age: usize) -> usize {
-        let age = age.min(self.seen.saturating_sub(1));
-        (self.slot + SLICES - age) % SLICES
-    }
-
-    /// Place in the ring of frames of the frame `age` frames ago.
-    fn place(&self, age: usize) -> usize {
-        (self.place + KEPT - age) % KEPT
+    /// The age of the oldest frame seen, if `age` is older.
+    fn seen(&self, age: usize) -> usize {
+        age.min(self.seen.saturating_sub(1))
     }
 
     /// Whether the background's motion to the frame before could be measured.
@@ -117,102 +124,143 @@ impl FrontEnd {
     /// the last call.
     pub fn take(&mut self, frame: Image<'_>, bytes: &mut [u8]) {
         let (width, height) = (self.width, self.height);
-        let pixels = width * height;
-        self.slot = (self.slot + 1) % SLICES;
-        self.place = (self.place + 1) % KEPT;
-        self.seen = (self.seen + 1).min(KEPT);
-        let Divided { frames, registration, .. } = self.divide(bytes);
-        let newest = &mut frames[self.place * pixels..(self.place + 1) * pixels];
-        for y in 0..height {
-            newest[y * width..(y + 1) * width].copy_from_slice(frame.row(y));
+        for ring in [&mut self.frames, &mut self.halves, &mut self.coarse, &mut self.slots] {
+            ring.advance();
         }
+        self.seen = (self.seen + 1).min(FARTHEST + 1);
+        let Divided { frames, halves, coarse, .. } = self.divide(bytes);
+        if !frames.is_empty() {
+            let newest = place(frames, width * height, self.frames.place(0));
+            for (y, row) in newest.chunks_exact_mut(width).enumerate() {
+                row.copy_from_slice(frame.row(y));
+            }
+        }
+        let half = place(halves, pixels(width, height, 1), self.halves.place(0));
+        pyramid::halve(frame, half);
+        let coarse_half = place(coarse, coarse_len(width, height), self.coarse.place(0));
+        let (quarter, eighth) = coarse_half.split_at_mut(pixels(width, height, 2));
+        pyramid::halve(picture(half, width, height, 1), quarter);
+        pyramid::halve(picture(quarter, width, height, 2), eighth);
         if self.parts.registration {
-            let motion = self.registration.register(frame, registration);
-            self.motions.copy_within(..KEPT - 2, 1);
+            let motion = if self.seen > 1 {
+                let [new, old] = [0, 1].map(|age| self.coarse_frames(halves, coarse, age));
+                registration::measure((width, height), &new, &old)
+            } else {
+                Motion::IDENTITY
+            };
+            self.motions.copy_within(..FARTHEST - 1, 1);
             self.motions[0] = motion;
         }
     }
 
-    /// Takes the differences of the frame just taken to older ones and fills the pictures of all levels; `observer`
-    /// hears when the differences are there. Then fill each level with [`FrontEnd::fill_tables`] and
-    /// [`FrontEnd::fill_map`], in any order of levels. Panics as [`FrontEnd::take`].
-    pub fn build(&self, frame: Image<'_>, bytes: &mut [u8], observer: &mut dyn FnMut()) {
+    /// The halves of one of the last two frames, finest first.
+    fn coarse_frames<'a>(
+        &self,
+        halves: &'a [u8],
+        coarse: &'a [u8],
+        age: usize,
+    ) -> [Image<'a>; LEVELS] {
         let (width, height) = (self.width, self.height);
-        let pixels = width * height;
-        let Divided { frames, warped, differences, levels, .. } = self.divide(bytes);
-        let picture = |pixels| {
-            Image::packed(pixels, width, height).expect("buffers are made for the frame's size")
-        };
-        if self.parts.temporal && self.seen > 1 {
-            let (far, rest) = differences.split_at_mut(pixels);
-            let (near, plain) = rest.split_at_mut(pixels);
-            for (lag, out) in LAGS.into_iter().zip([far, near]) {
-                let age = lag.min(self.seen - 1);
-                let older = &frames[self.place(age) * pixels..][..pixels];
-                warp::warp(picture(older), frame, &self.motions[..age], warped);
-                warp::temporal_difference(frame, warped, out);
-            }
-            for (y, out) in plain.chunks_exact_mut(width.max(1)).enumerate() {
-                for ((out, a), b) in out.iter_mut().zip(frame.row(y)).zip(&warped[y * width..]) {
-                    *out = a.abs_diff(*b);
+        let half = at(halves, pixels(width, height, 1), self.halves.place(age));
+        let coarse = at(coarse, coarse_len(width, height), self.coarse.place(age));
+        let (quarter, eighth) = coarse.split_at(pixels(width, height, 2));
+        let picture = |(pixels, octave)| picture(pixels, width, height, octave);
+        [(half, 1), (quarter, 2), (eighth, 3)].map(picture)
+    }
+
+    /// Takes the differences of the frame just taken to older ones and fills the pictures of all levels; `observer`
+    /// hears when the differences are there. Panics as [`FrontEnd::take`].
+    pub fn build(&self, frame: Image<'_>, bytes: &mut [u8], observer: &mut dyn FnMut()) {
+        let geometry = &self.geometry;
+        let slot = self.slots.place(0);
+        let Divided { frames, halves, levels, scratch, .. } = self.divide(bytes);
+        if !geometry.levels().is_empty() {
+            let kinds = [Picture::Far, Picture::Near, Picture::Plain];
+            if self.parts.temporal && self.seen > 1 {
+                let octave = geometry.history().octave();
+                let older = |age| match geometry.history() {
+                    History::Full => {
+                        let pixels = at(frames, self.width * self.height, self.frames.place(age));
+                        picture(pixels, self.width, self.height, 0)
+                    }
+                    History::Half => {
+                        let length = pixels(self.width, self.height, 1);
+                        let pixels = at(halves, length, self.halves.place(age));
+                        picture(pixels, self.width, self.height, 1)
+                    }
+                };
+                let newest = older(0);
+                let warped = &mut scratch[..newest.width() * newest.height()];
+                for (lag, kind) in geometry.history().lags().into_iter().zip(kinds) {
+                    let age = self.seen(lag);
+                    warp::warp(older(age), newest, octave, &self.motions[..age], warped);
+                    let out = &mut levels[geometry.place(0, kind, slot)];
+                    warp::temporal_difference(newest, warped, out);
+                }
+                let plain = &mut levels[geometry.place(0, Picture::Plain, slot)];
+                let rows = plain.chunks_exact_mut(newest.width()).enumerate();
+                for (y, out) in rows {
+                    let warped = &warped[y * newest.width()..];
+                    for ((out, a), b) in out.iter_mut().zip(newest.row(y)).zip(warped) {
+                        *out = a.abs_diff(*b);
+                    }
+                }
+            } else {
+                for kind in kinds {
+                    levels[geometry.place(0, kind, slot)].fill(0);
                 }
             }
-        } else {
-            differences.fill(0);
         }
         observer();
-        let differences: &[u8] = differences;
-        let images = core::array::from_fn(|i| picture(&differences[i * pixels..(i + 1) * pixels]));
-        let mut pyramid = levels::divide(&self.geometry, levels, &mut []);
-        levels::build(&self.geometry, &mut pyramid, frame, images);
+        levels::build(geometry, levels, frame, slot);
     }
 
-    /// The levels and their memory.
-    pub fn pyramid<'a>(&self, bytes: &'a mut [u8], words: &'a mut [u16]) -> Pyramid<'a> {
-        self.pyramid_and_frames(bytes, words).0
-    }
-
-    /// The levels and their memory, and the frames of the slices of a cube, newest first; the oldest one seen stands for
-    /// those before it.
-    pub fn pyramid_and_frames<'a>(
-        &self,
+    /// The levels of the frame just taken, and the memory that is free until the next one.
+    pub fn pyramid<'a>(
+        &'a self,
+        frame: Image<'a>,
         bytes: &'a mut [u8],
-        words: &'a mut [u16],
-    ) -> (Pyramid<'a>, [Image<'a>; SLICES]) {
-        let pixels = self.width * self.height;
-        let Divided { frames, levels, .. } = self.divide(bytes);
+    ) -> (Pyramid<'a>, &'a mut [u8]) {
+        let Divided { frames, levels, scratch, .. } = self.divide(bytes);
         let frames: &[u8] = frames;
-        let frame = |age: usize| {
-            let age = age.min(self.seen.saturating_sub(1));
-            Image::packed(&frames[self.place(age) * pixels..][..pixels], self.width, self.height)
-                .expect("buffers are made for the frame's size")
+        let frame_of = |age: usize| match self.geometry.history() {
+            History::Full => {
+                let place = self.frames.place(self.seen(age));
+                picture(at(frames, self.width * self.height, place), self.width, self.height, 0)
+            }
+            History::Half => frame,
         };
-        (levels::divide(&self.geometry, levels, words), core::array::from_fn(frame))
-    }
-
-    /// Fills the tables of a level for the newest frame.
-    pub fn fill_tables(&self, level: &mut LevelBuffers<'_>) {
-        level.fill_tables(self.slot);
-    }
-
-    /// Noise of the newest frame's differences: from the finest level that is searched, whose tables must be filled.
-    pub fn noise(pyramid: &Pyramid<'_>) -> [u32; DIFFERENCES] {
-        let finest = pyramid.iter().find(|l| l.level.active);
-        finest.map_or([0; DIFFERENCES], |level| channels::noise(&level.newest()))
-    }
-
-    /// Fills the scan's map of a level, whose tables must be filled.
-    pub fn fill_map(&self, level: &mut LevelBuffers<'_>, noise: &[u32; DIFFERENCES]) {
-        level.fill_map(self.slot, noise);
+        let slots = match self.geometry.history() {
+            History::Full => core::array::from_fn(|age| self.slots.place(self.seen(age))),
+            History::Half => [0; SLICES],
+        };
+        let pyramid = Pyramid::new(&self.geometry, levels, core::array::from_fn(frame_of), slots);
+        (pyramid, scratch)
     }
 
     /// What the cubes of a level are cut from.
-    pub fn slices<'a>(&self, level: &'a LevelBuffers<'_>) -> Slices<'a> {
+    pub fn slices<'a>(&self, level: &Pictures<'a>) -> Slices<'a> {
         Slices {
-            tables: core::array::from_fn(|age| level.table(self.slot(age))),
-            newest: level.newest(),
+            slices: level.slices,
+            newest: level.newest,
             motions: core::array::from_fn(|age| self.motions[age]),
             scale: level.level.scale,
         }
     }
+}
+
+/// Element `place` of a ring of pictures.
+fn at(ring: &[u8], length: usize, place: usize) -> &[u8] {
+    &ring[place * length..][..length]
+}
+
+/// As [`at`], to write.
+fn place(ring: &mut [u8], length: usize, place: usize) -> &mut [u8] {
+    &mut ring[place * length..][..length]
+}
+
+/// A frame of `width` x `height` halved so many times.
+fn picture(pixels: &[u8], width: usize, height: usize, octave: usize) -> Image<'_> {
+    Image::packed(pixels, width >> octave, height >> octave)
+        .expect("the memory was divided for these pictures")
 }

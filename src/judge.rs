@@ -1,15 +1,16 @@
 //! The verdict on a candidate: its st-cube, a score, a box (level 7).
 
-use crate::cube::{Cube, SCALARS, SLICES, SUBCELL, WINDOW};
+use crate::cube::{Cube, SCALARS, SLICES, WINDOW};
 use crate::detection::{Detection, SHIFTS, Shift};
 use crate::fixed::exp2_q16;
 use crate::front::FrontEnd;
 use crate::gradient::CELL;
-use crate::image::{Image, Rect};
-use crate::levels::{LevelBuffers, Pyramid};
+use crate::image::Rect;
+use crate::levels::Pyramid;
 use crate::model::Model;
 use crate::motion::{self, Alignment, Path, Position};
 use crate::scan::Candidate;
+use crate::search::{boxed, window};
 use crate::window_flow;
 use core::cmp::Reverse;
 use fixed::types::I28F4;
@@ -18,27 +19,6 @@ const _: () = assert!(SHIFTS == SLICES - 1);
 
 /// Farthest that a box's centre may be from its window's, in cells, Q8.
 const FARTHEST_CENTRE: i32 = (WINDOW as i32) << 8;
-
-/// The box of the nominal target in the middle of a window whose pixels are `scale` frame pixels.
-pub fn nominal(position: Position, level: &LevelBuffers<'_>) -> Rect {
-    boxed(position.centre(level.level.scale), level.level.target_q4(), level.level.target_q4())
-}
-
-/// A box around a centre (Q8 pixels) of a size in Q4 pixels.
-fn boxed(centre: (i32, i32), width: i32, height: i32) -> Rect {
-    Rect {
-        x: I28F4::from_bits((centre.0 >> 4) - width / 2),
-        y: I28F4::from_bits((centre.1 >> 4) - height / 2),
-        width: I28F4::from_bits(width),
-        height: I28F4::from_bits(height),
-    }
-}
-
-/// The window of a candidate.
-pub fn window(candidate: &Candidate) -> Position {
-    let quarters = |v: i16| i32::from(v) * SUBCELL;
-    Position { x: quarters(candidate.x), y: quarters(candidate.y) }
-}
 
 /// Looks that a detection's score and box are the means of: so many levels coarser. Looks to the side as well gained
 /// nothing that could be told from chance, at twice the time.
@@ -72,12 +52,10 @@ pub struct Judge<'a> {
     pub trace: bool,
     /// Whether the cube gives the score; otherwise the scan's own stands.
     pub stcube: bool,
-    /// The frames of a cube's slices, newest first.
-    pub frames: [Image<'a>; SLICES],
     /// The front end after the newest frame.
     pub front: &'a FrontEnd,
-    /// The levels, with tables filled.
-    pub pyramid: &'a Pyramid<'a>,
+    /// The levels.
+    pub pyramid: Pyramid<'a>,
 }
 
 impl Judge<'_> {
@@ -101,7 +79,7 @@ impl Judge<'_> {
         let (mut sums, mut looks) = ([0i64; 4], 0);
         for step in LOOKS {
             let Some(level) = level.checked_add_signed(step) else { continue };
-            if !self.pyramid.get(level).is_some_and(|l| l.level.active) {
+            if !self.pyramid.levels().get(level).is_some_and(|l| l.active) {
                 continue;
             }
             let again = self.look(&candidate, &centred.rect, level, cube);
@@ -126,7 +104,7 @@ impl Judge<'_> {
     /// Follows the object in a detection's box back through the slices by Algorithm 1: its shifts.
     fn trace(&self, detection: &mut Detection, cube: &mut Cube) {
         let Some(level) = self.level_of(&detection.rect) else { return };
-        let level = &self.pyramid[level];
+        let level = &self.pyramid.level(level);
         let start = Position::centred(centre(&detection.rect), level.level.scale);
         let slices = self.front.slices(level);
         let path = motion::compensate(&slices, Some(self.model.regressors()), start, cube);
@@ -140,13 +118,13 @@ impl Judge<'_> {
             // Ratio of the larger to the smaller length, Q8.
             i64::from(length.max(target)) * 256 / i64::from(length.min(target).max(1))
         };
-        let levels = self.pyramid.iter().enumerate().filter(|(_, l)| l.level.active);
-        levels.min_by_key(|(_, l)| distance(l.level.target_q4())).map(|(number, _)| number)
+        let levels = self.pyramid.levels().iter().enumerate().filter(|(_, l)| l.active);
+        levels.min_by_key(|(_, l)| distance(l.target_q4())).map(|(number, _)| number)
     }
 
     /// Looks at the middle of `rect` on another level.
     fn look(&self, candidate: &Candidate, rect: &Rect, level: usize, cube: &mut Cube) -> Detection {
-        let at = Position::centred(centre(rect), self.pyramid[level].level.scale);
+        let at = Position::centred(centre(rect), self.pyramid.levels()[level].scale);
         let candidate = Candidate { level: level as u8, ..*candidate };
         let path = self.cut(&candidate, at, cube);
         let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
@@ -157,7 +135,7 @@ impl Judge<'_> {
     /// Cuts the cube of a candidate from the window at `start` of its level: Algorithm 1, and what is known beside the
     /// channels.
     pub fn cut(&self, candidate: &Candidate, start: Position, cube: &mut Cube) -> Path {
-        let level = &self.pyramid[usize::from(candidate.level)];
+        let level = &self.pyramid.level(usize::from(candidate.level));
         cube.scalars = [0; SCALARS];
         cube.scalars[0] = candidate.score.saturating_add(32768).clamp(0, 65535) as u16;
         cube.scalars[1] = (level.level.target_q4() >> 4) as u16;
@@ -168,13 +146,13 @@ impl Judge<'_> {
             Alignment::Regressors => {
                 motion::compensate(&slices, Some(self.model.regressors()), start, cube)
             }
-            Alignment::Flow => window_flow::follow(&slices, &self.frames, start, cube),
+            Alignment::Flow => window_flow::follow(&slices, self.pyramid.frames(), start, cube),
         }
     }
 
     /// The detection of a cube at the end of `path`; `score` in Q8.
     fn detection(&self, candidate: &Candidate, path: &Path, cube: &Cube, score: i32) -> Detection {
-        let level = &self.pyramid[usize::from(candidate.level)].level;
+        let level = &self.pyramid.levels()[usize::from(candidate.level)];
         let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
         let [x, y, width, height] = self.model.boxes().each_ref().map(|forest| forest.score(test));
         // Q8 cells to Q8 pixels of the frame. A centre farther than a window away is none of this window's.

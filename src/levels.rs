@@ -3,12 +3,14 @@
 //! Targets of every size are looked for with one window: level i shows the frame `2^(i / scales_per_octave)` times
 //! smaller. Levels of the first octave are resampled from the frame, the others are halves of those an octave finer.
 
-use crate::channels::{self, DIFFERENCES, MAP_CHANNELS, PADDING};
+use crate::channels::{Difference, Newest, Slice};
 use crate::cube::{SLICES, WINDOW};
 use crate::gradient::CELL;
+use crate::history::History;
 use crate::image::Image;
-use crate::integral::Integral;
+use crate::map::PADDING;
 use crate::pyramid;
+use core::ops::Range;
 
 /// Most levels.
 pub const MAX_LEVELS: usize = 20;
@@ -38,6 +40,8 @@ pub struct Level {
     pub scale: u32,
     /// Whether the level is searched; the others are only steps on the way to coarser ones.
     pub active: bool,
+    /// Width and height of its difference images.
+    pub differences: (usize, usize),
 }
 
 impl Level {
@@ -55,12 +59,8 @@ impl Level {
         self.width * self.height
     }
 
-    const fn map_bytes(&self) -> usize {
-        if self.active { channels::map_bytes(self.width, self.height) } else { 0 }
-    }
-
-    const fn table_words(&self) -> usize {
-        if self.active { channels::table_words(self.width, self.height) } else { 0 }
+    const fn difference_pixels(&self) -> usize {
+        self.differences.0 * self.differences.1
     }
 }
 
@@ -70,6 +70,7 @@ pub struct Geometry {
     levels: [Level; MAX_LEVELS],
     count: usize,
     scales_per_octave: usize,
+    history: History,
 }
 
 impl Geometry {
@@ -81,6 +82,7 @@ impl Geometry {
         min_target: usize,
         max_target: usize,
         scales_per_octave: usize,
+        history: History,
     ) -> Self {
         let per_octave = match scales_per_octave {
             0 | 1 => 1,
@@ -88,8 +90,10 @@ impl Geometry {
             3 => 3,
             _ => 4,
         };
-        let mut levels = [Level { width: 0, height: 0, scale: 0, active: false }; MAX_LEVELS];
+        let none = Level { width: 0, height: 0, scale: 0, active: false, differences: (0, 0) };
+        let mut levels = [none; MAX_LEVELS];
         let mut count = 0;
+        let (halved_width, halved_height) = (width >> history.octave(), height >> history.octave());
         // A level serves targets up to half a step larger than its own; the largest step is 2^(1/2).
         while count < MAX_LEVELS {
             let octave = count / per_octave;
@@ -103,6 +107,10 @@ impl Geometry {
                     height: pyramid::resized(height, step),
                     scale: step,
                     active: false,
+                    differences: (
+                        pyramid::resized(halved_width, step),
+                        pyramid::resized(halved_height, step),
+                    ),
                 }
             } else {
                 let finer = levels[count - per_octave];
@@ -111,6 +119,7 @@ impl Geometry {
                     height: finer.height / 2,
                     scale: finer.scale * 2,
                     active: false,
+                    differences: (finer.differences.0 / 2, finer.differences.1 / 2),
                 }
             };
             let target_q16 = FINEST_TARGET as u64 * level.scale as u64;
@@ -131,152 +140,200 @@ impl Geometry {
                 || target_q16 >= (min_target as u64) << 16;
             count += 1;
         }
-        Self { levels, count, scales_per_octave: per_octave }
+        Self { levels, count, scales_per_octave: per_octave, history }
     }
 
     /// The levels, finest first.
-    pub fn levels(&self) -> &[Level] {
-        &self.levels[..self.count]
+    pub const fn levels(&self) -> &[Level] {
+        self.levels.split_at(self.count).0
     }
 
-    /// Bytes for the pictures and maps of all levels.
+    /// Levels for each doubling of the target's size.
+    pub const fn scales_per_octave(&self) -> usize {
+        self.scales_per_octave
+    }
+
+    /// What is kept of older frames.
+    pub const fn history(&self) -> History {
+        self.history
+    }
+
+    /// Bytes for the pictures of all levels.
     pub const fn bytes_len(&self) -> usize {
+        self.start(self.count)
+    }
+
+    /// Where the pictures of a level begin.
+    const fn start(&self, level: usize) -> usize {
         let (mut sum, mut i) = (0, 0);
-        while i < self.count {
-            sum += (1 + DIFFERENCES) * self.levels[i].pixels() + self.levels[i].map_bytes();
+        while i < level {
+            let differences = self.kept(i) + DIFFERENCES_OF_THE_NEWEST;
+            sum +=
+                self.kept(i) * self.grey_len(i) + differences * self.levels[i].difference_pixels();
             i += 1;
         }
         sum
     }
 
-    /// Words for the tables of all levels and frames of the ring.
-    pub const fn words_len(&self) -> usize {
-        let (mut sum, mut i) = (0, 0);
-        while i < self.count {
-            sum += (SLICES + 1) * self.levels[i].table_words();
-            i += 1;
-        }
-        sum
+    /// Frames of which a level keeps the pictures.
+    const fn kept(&self, level: usize) -> usize {
+        if self.levels[level].active { self.history.slices() } else { 1 }
+    }
+
+    /// The grey picture of level 0 is the frame itself.
+    const fn grey_len(&self, level: usize) -> usize {
+        if level == 0 { 0 } else { self.levels[level].pixels() }
+    }
+
+    /// Where a picture of a level is, `slot` its place in the ring of frames.
+    pub fn place(&self, level: usize, picture: Picture, slot: usize) -> Range<usize> {
+        let (kept, grey) = (self.kept(level), self.grey_len(level));
+        let slot = slot % kept;
+        let difference = self.levels[level].difference_pixels();
+        let differences = self.start(level) + kept * grey;
+        let (start, length) = match picture {
+            Picture::Grey => (self.start(level) + slot * grey, grey),
+            Picture::Near => (differences + slot * difference, difference),
+            Picture::Far => (differences + kept * difference, difference),
+            Picture::Plain => (differences + (kept + 1) * difference, difference),
+        };
+        start..start + length
     }
 }
 
-/// Memory of one level.
-#[derive(Debug)]
-pub struct LevelBuffers<'a> {
+/// Difference images of which only the newest frame's is kept.
+const DIFFERENCES_OF_THE_NEWEST: usize = 2;
+
+/// The pictures of a level.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Picture {
+    /// The frame.
+    Grey,
+    /// [`Slice::near`].
+    Near,
+    /// [`Newest::far`].
+    Far,
+    /// [`Newest::plain`].
+    Plain,
+}
+
+impl Picture {
+    const ALL: [Self; 4] = [Self::Grey, Self::Near, Self::Far, Self::Plain];
+}
+
+fn packed(pixels: &[u8], (width, height): (usize, usize)) -> Image<'_> {
+    Image::packed(pixels, width, height).expect("the memory was divided for these pictures")
+}
+
+/// Fills the pictures of all levels but the finest from the frame and the difference images of level 0, into place `slot`
+/// of the rings. Panics if there are fewer than [`Geometry::bytes_len`] bytes.
+pub fn build(geometry: &Geometry, bytes: &mut [u8], frame: Image<'_>, slot: usize) {
+    let per_octave = geometry.scales_per_octave;
+    for (i, level) in geometry.levels().iter().enumerate().skip(1) {
+        let (finer, own) = bytes.split_at_mut(geometry.start(i));
+        let from = i.checked_sub(per_octave);
+        let source = from.unwrap_or(0);
+        for picture in Picture::ALL {
+            let place = geometry.place(source, picture, slot);
+            let Level { width, height, differences, .. } = geometry.levels()[source];
+            let image = match picture {
+                Picture::Grey if source == 0 => frame,
+                Picture::Grey => packed(&finer[place], (width, height)),
+                _ => packed(&finer[place], differences),
+            };
+            let place = geometry.place(i, picture, slot);
+            let out = &mut own[place.start - finer.len()..place.end - finer.len()];
+            match from {
+                Some(_) => pyramid::halve(image, out),
+                None => pyramid::resize(image, (level.scale, level.scale), out),
+            };
+        }
+    }
+}
+
+/// A level and its pictures.
+#[derive(Debug, Clone, Copy)]
+pub struct Pictures<'a> {
     /// Number of the level.
     pub number: u8,
     /// Size and place.
     pub level: Level,
-    grey: &'a mut [u8],
-    differences: [&'a mut [u8]; DIFFERENCES],
-    map: &'a mut [u8],
-    ring: &'a mut [u16],
-    newest: &'a mut [u16],
+    /// What is kept of the last frames, newest first; a history without slices has the newest alone. Frames not yet seen
+    /// repeat the oldest.
+    pub slices: [Option<Slice<'a>>; SLICES],
+    /// The newest frame.
+    pub newest: Newest<'a>,
 }
 
-/// Memory of all levels, finest first.
-pub type Pyramid<'a> = heapless::Vec<LevelBuffers<'a>, MAX_LEVELS>;
+/// The levels of the newest frame and of those before it, finest first.
+#[derive(Debug, Clone, Copy)]
+pub struct Pyramid<'a> {
+    geometry: &'a Geometry,
+    bytes: &'a [u8],
+    frames: [Image<'a>; SLICES],
+    slots: [usize; SLICES],
+}
 
-/// Divides memory among the levels: [`Geometry::bytes_len`] bytes, [`Geometry::words_len`] words. The same memory
-/// gives the same division. Without words the levels have pictures and maps only. Panics if there is less.
-pub fn divide<'a>(
-    geometry: &Geometry,
-    mut bytes: &'a mut [u8],
-    mut words: &'a mut [u16],
-) -> Pyramid<'a> {
-    fn take<'a, T>(from: &mut &'a mut [T], count: usize) -> &'a mut [T] {
-        let (head, tail) = core::mem::take(from).split_at_mut(count);
-        *from = tail;
-        head
+impl<'a> Pyramid<'a> {
+    /// Views the pictures in `bytes`: `frames` are the last ones, newest first (with a history of one slice the newest
+    /// counts alone), `slots` their places in the rings.
+    pub fn new(
+        geometry: &'a Geometry,
+        bytes: &'a [u8],
+        frames: [Image<'a>; SLICES],
+        slots: [usize; SLICES],
+    ) -> Self {
+        Self { geometry, bytes, frames, slots }
     }
-    let tables = !words.is_empty();
-    geometry
-        .levels()
-        .iter()
-        .enumerate()
-        .map(|(number, level)| LevelBuffers {
-            number: number as u8,
-            level: *level,
-            grey: take(&mut bytes, level.pixels()),
-            differences: core::array::from_fn(|_| take(&mut bytes, level.pixels())),
-            map: take(&mut bytes, level.map_bytes()),
-            ring: take(&mut words, if tables { SLICES * level.table_words() } else { 0 }),
-            newest: take(&mut words, if tables { level.table_words() } else { 0 }),
-        })
-        .collect()
-}
 
-/// Fills the pictures of all levels from the frame and its difference images, all of one size.
-pub fn build(
-    geometry: &Geometry,
-    pyramid: &mut Pyramid<'_>,
-    frame: Image<'_>,
-    differences: [Image<'_>; DIFFERENCES],
-) {
-    let per_octave = geometry.scales_per_octave;
-    for i in 0..pyramid.len() {
-        let (finer, rest) = pyramid.split_at_mut(i);
-        let LevelBuffers { level, grey, differences: out, .. } = &mut rest[0];
-        match i.checked_sub(per_octave).map(|i| &finer[i]) {
-            None => {
-                pyramid::resize(frame, (level.scale, level.scale), grey);
-                for (out, difference) in out.iter_mut().zip(differences) {
-                    pyramid::resize(difference, (level.scale, level.scale), out);
-                }
+    /// The levels.
+    pub fn levels(&self) -> &'a [Level] {
+        self.geometry.levels()
+    }
+
+    /// Size and place of all levels.
+    pub fn geometry(&self) -> &'a Geometry {
+        self.geometry
+    }
+
+    /// The frames of the slices of a cube, newest first.
+    pub fn frames(&self) -> &[Image<'a>; SLICES] {
+        &self.frames
+    }
+
+    /// The searched levels.
+    pub fn searched(&self) -> impl Iterator<Item = Pictures<'a>> + use<'a> {
+        let this = *self;
+        let numbers = 0..this.levels().len();
+        numbers.filter(move |&i| this.levels()[i].active).map(move |i| this.level(i))
+    }
+
+    /// A level and its pictures. Panics if there are not so many.
+    pub fn level(&self, number: usize) -> Pictures<'a> {
+        let level = self.levels()[number];
+        let picture = |picture, age: usize| {
+            let place = self.geometry.place(number, picture, self.slots[age]);
+            match picture {
+                Picture::Grey if number == 0 => self.frames[age],
+                Picture::Grey => packed(&self.bytes[place], (level.width, level.height)),
+                _ => packed(&self.bytes[place], level.differences),
             }
-            Some(finer) => {
-                pyramid::halve(finer.picture(finer.grey), grey);
-                for (out, difference) in out.iter_mut().zip(&finer.differences) {
-                    pyramid::halve(finer.picture(difference), out);
-                }
-            }
-        }
-    }
-}
-
-impl LevelBuffers<'_> {
-    fn picture<'a>(&self, pixels: &'a [u8]) -> Image<'a> {
-        Image::packed(pixels, self.level.width, self.level.height)
-            .expect("the buffer was made for the level")
-    }
-
-    /// Computes the tables of the newest frame into place `slot` of the ring.
-    pub fn fill_tables(&mut self, slot: usize) {
-        let words = self.level.table_words();
-        let picture = |pixels| {
-            Image::packed(pixels, self.level.width, self.level.height)
-                .expect("the buffer was made for the level")
         };
-        let differences = core::array::from_fn(|i| picture(&*self.differences[i]));
-        let table = &mut self.ring[slot * words..(slot + 1) * words];
-        channels::tables(&picture(&*self.grey), &differences, table, self.newest);
-    }
-
-    /// Computes the scan's map of the newest frame, whose tables are in place `slot`.
-    pub fn fill_map(&mut self, slot: usize, noise: &[u32; DIFFERENCES]) {
-        let words = self.level.table_words();
-        let (columns, rows) = self.level.cells();
-        let table = Integral::new(&self.ring[slot * words..(slot + 1) * words], columns, rows);
-        channels::map(&table, &Integral::new(self.newest, columns, rows), noise, self.map);
-    }
-
-    /// The table of the frame in place `slot` of the ring.
-    pub fn table(&self, slot: usize) -> Integral<'_> {
-        let words = self.level.table_words();
-        let (columns, rows) = self.level.cells();
-        Integral::new(&self.ring[slot * words..(slot + 1) * words], columns, rows)
-    }
-
-    /// The second table of the newest frame.
-    pub fn newest(&self) -> Integral<'_> {
-        let (columns, rows) = self.level.cells();
-        Integral::new(self.newest, columns, rows)
-    }
-
-    /// The scan's map of the newest frame: [`MAP_CHANNELS`] bytes a cell.
-    pub fn map(&self) -> &[u8] {
-        debug_assert_eq!(self.map.len() % MAP_CHANNELS, 0);
-        self.map
+        let halved = self.geometry.history == History::Half;
+        let difference = |name, age| Difference { picture: picture(name, age), halved };
+        let slice =
+            |age| Slice { grey: picture(Picture::Grey, age), near: difference(Picture::Near, age) };
+        let kept = self.geometry.kept(number);
+        Pictures {
+            number: number as u8,
+            level,
+            slices: core::array::from_fn(|age| (age < kept).then(|| slice(age))),
+            newest: Newest {
+                slice: slice(0),
+                far: difference(Picture::Far, 0),
+                plain: difference(Picture::Plain, 0),
+            },
+        }
     }
 }
 
@@ -288,32 +345,55 @@ mod tests {
 
     #[test]
     fn levels_cover_the_targets() {
-        let geometry = Geometry::new(640, 480, 10, 100, 2);
+        let geometry = Geometry::new(640, 480, 10, 100, 2, History::Full);
         let targets: Vec<i32> = geometry.levels().iter().map(|l| l.target_q4() / 16).collect();
         assert_eq!(targets, [10, 14, 20, 28, 40, 56, 80, 113]);
         assert!(geometry.levels().iter().all(|l| l.active));
         assert_eq!((geometry.levels()[1].width, geometry.levels()[3].height), (452, 169));
-        let coarse = Geometry::new(640, 480, 20, 40, 2);
+        let coarse = Geometry::new(640, 480, 20, 40, 2, History::Full);
         let active: Vec<bool> = coarse.levels().iter().map(|l| l.active).collect();
         assert_eq!(active, [false, false, true, true, true]);
     }
 
     #[test]
     fn tiny_and_huge_frames() {
-        for (width, height) in [(0, 0), (1, 1), (7, 5), (8, 8), (9, 400), (4096, 9)] {
-            for per_octave in 0..6 {
-                let geometry = Geometry::new(width, height, 1, 100_000, per_octave);
-                let mut bytes = vec![0; geometry.bytes_len()];
-                let mut words = vec![0; geometry.words_len()];
-                let pixels = vec![50; width * height];
-                let frame = Image::packed(&pixels, width, height).unwrap();
-                let mut pyramid = divide(&geometry, &mut bytes, &mut words);
-                build(&geometry, &mut pyramid, frame, [frame; DIFFERENCES]);
-                for level in pyramid.iter_mut().filter(|l| l.level.active) {
-                    level.fill_tables(0);
-                    level.fill_map(0, &[0; DIFFERENCES]);
+        for history in [History::Full, History::Half] {
+            for (width, height) in [(0, 0), (1, 1), (7, 5), (8, 8), (9, 400), (4096, 9)] {
+                for per_octave in 0..6 {
+                    let geometry = Geometry::new(width, height, 1, 100_000, per_octave, history);
+                    let mut bytes = vec![0; geometry.bytes_len()];
+                    let pixels = vec![50; width * height];
+                    let frame = Image::packed(&pixels, width, height).unwrap();
+                    build(&geometry, &mut bytes, frame, 0);
+                    let pyramid = Pyramid::new(&geometry, &bytes, [frame; SLICES], [0; SLICES]);
+                    for pictures in pyramid.searched() {
+                        assert_eq!(pictures.newest.slice.cells(), pictures.level.cells());
+                        assert!(pictures.newest.slice.grey.row(0).iter().all(|&grey| grey == 50));
+                    }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn pictures_do_not_overlap() {
+        for history in [History::Full, History::Half] {
+            let geometry = Geometry::new(101, 67, 15, 60, 2, history);
+            let mut end = 0;
+            for level in 0..geometry.levels().len() {
+                let kept = geometry.kept(level);
+                let newest = [(Picture::Far, 1), (Picture::Plain, 1)];
+                for (picture, slots) in
+                    [(Picture::Grey, kept), (Picture::Near, kept)].into_iter().chain(newest)
+                {
+                    for slot in 0..slots {
+                        let place = geometry.place(level, picture, slot);
+                        assert_eq!(place.start, end, "{history:?} {level} {picture:?} {slot}");
+                        end = place.end;
+                    }
+                }
+            }
+            assert_eq!(end, geometry.bytes_len());
         }
     }
 }

@@ -48,7 +48,8 @@
 //! | 9 | `shell` | everything that needs an operating system: sources, replay, training, evaluation |
 //! | 8 | [`detector`] | frames in, detections out: configuration, memory, the order of the steps below |
 //! | 7 | [`judge`] | the verdict on a candidate: its st-cube, a score, a box |
-//! | 6 | [`front`] | the front end: from frames to the channels of all levels, for the last frames |
+//! | 6 | [`front`] | the front end: from frames to the pictures of all levels, for the last frames |
+//! | 6 | [`search`] | the candidates of a frame: maps of all levels, scanned in strips |
 //! | 6 | [`window_flow`] | the slices of a cube along the optical flow of its window, to compare Algorithm 1 with |
 //! | 6 | [`model`] | the model file, checked once and read where it lies |
 //! | 5 | [`scan`] | a soft cascade over every window of every level: the candidates |
@@ -60,11 +61,12 @@
 //! | 4 | `component` | a MAVLink component: what it hears, answers and tells (feature `mavlink`) |
 //! | 3 | `message` | MAVLink messages about traffic (feature `mavlink`) |
 //! | 3 | [`track`] | which detections are of one object, and how it moves |
+//! | 3 | [`map`] | the channels of a level, normalised: what the scan looks up |
 //! | 3 | [`cube`] | windows on the last frames: the slices of a st-cube |
 //! | 3 | [`warp`] | an older frame seen from where the camera is now, and what differs |
 //! | 2 | [`attitudes`] | the vehicle's attitude at the time of a frame |
 //! | 2 | [`camera`] | from a point in the picture to a direction, and back |
-//! | 2 | [`channels`] | gradient energies and differences of a level, in tables and in the scan's map |
+//! | 2 | [`channels`] | gradient energies and differences of the cells of a level |
 //! | 2 | [`registration`] | the motion of the background from frame to frame |
 //! | 2 | [`traffic`] | what is told to others about an object: where it is, how near, how dangerous |
 //! | 1 | [`geometry`] | directions and attitudes |
@@ -75,7 +77,7 @@
 //! | 1 | [`planar`] | a motion of the whole picture, fitted to the motion of points |
 //! | 1 | [`flow`] | corners, and where they were in another picture |
 //! | 1 | [`gradient`] | gradient energy of cells by orientation |
-//! | 1 | [`integral`] | summed-area tables |
+//! | 1 | [`history`] | what is kept of the last frames |
 //! | 1 | [`pyramid`] | smaller copies of a picture |
 //! | 1 | [`nms`] | of boxes that overlap only the best is kept |
 //! | 0 | [`image`] | views of grey pictures, and boxes in them |
@@ -103,11 +105,12 @@ pub mod flow;
 pub mod front;
 pub mod geometry;
 pub mod gradient;
+pub mod history;
 pub mod image;
-pub mod integral;
 pub mod judge;
 pub mod levels;
 pub mod linear;
+pub mod map;
 #[cfg(feature = "mavlink")]
 pub mod message;
 pub mod model;
@@ -118,6 +121,7 @@ pub mod planar;
 pub mod pyramid;
 pub mod registration;
 pub mod scan;
+pub mod search;
 #[cfg(feature = "std")]
 pub mod shell;
 pub mod threat;

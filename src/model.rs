@@ -6,10 +6,11 @@
 //! [`Section::Calibration`]: it is read as an empty one.
 
 use crate::calibration::Calibration;
-use crate::channels::MAP_CHANNELS;
 use crate::cube::{SLICES, WINDOW};
 use crate::feature::Features;
 use crate::gradient::{CELL, ORIENTATIONS};
+use crate::history::History;
+use crate::map::MAP_CHANNELS;
 use crate::motion::{Alignment, Regressors};
 use crate::scan;
 use crate::trees::{Forest, ForestError};
@@ -97,7 +98,7 @@ const fn header(version: u16) -> usize {
 }
 
 /// What the trees depend on and cannot be changed: window, cell, orientations, slices, channels of the map. Behind
-/// them stand the [`Method`] (2 bytes) and a byte of 0.
+/// them stands the [`Method`] (3 bytes).
 pub const GEOMETRY: [u8; 5] =
     [WINDOW as u8, CELL as u8, ORIENTATIONS as u8, SLICES as u8, MAP_CHANNELS as u8];
 
@@ -116,27 +117,30 @@ pub struct Method {
     pub persistence: bool,
     /// Levels for each doubling of the target's size, 1 to 4.
     pub scales_per_octave: u8,
+    /// What was kept of the last frames.
+    pub history: History,
 }
 
 impl Method {
     /// The bytes in the file: from the lowest bit registration, temporal, alignment (2 bits), and a bit each for a cube
-    /// and a persistence that are *not* there; scales per octave.
-    pub const fn encode(&self) -> [u8; 2] {
+    /// and a persistence that are *not* there; scales per octave; history.
+    pub const fn encode(&self) -> [u8; 3] {
         let parts = self.registration as u8
             | (self.temporal as u8) << 1
             | (self.alignment as u8) << 2
             | (!self.stcube as u8) << 4
             | (!self.persistence as u8) << 5;
-        [parts, self.scales_per_octave]
+        [parts, self.scales_per_octave, self.history as u8]
     }
 
     /// Reads what [`Method::encode`] gives.
-    pub const fn decode(bytes: [u8; 2]) -> Option<Self> {
-        let [parts, scales_per_octave] = bytes;
+    pub const fn decode(bytes: [u8; 3]) -> Option<Self> {
+        let [parts, scales_per_octave, history] = bytes;
         if parts > 63 || scales_per_octave == 0 || scales_per_octave > 4 {
             return None;
         }
         let Some(alignment) = Alignment::decode(parts >> 2 & 3) else { return None };
+        let Some(history) = History::decode(history) else { return None };
         Some(Self {
             registration: parts & 1 != 0,
             temporal: parts & 2 != 0,
@@ -144,7 +148,14 @@ impl Method {
             stcube: parts & 16 == 0,
             persistence: parts & 32 == 0,
             scales_per_octave,
+            history,
         })
+    }
+
+    /// What the header of a model file says, at compile time too, where the size of static memory depends on it. The
+    /// file itself is checked by [`Model::parse`].
+    pub const fn of_header(file: &[u8]) -> Option<Self> {
+        if file.len() < 28 { None } else { Self::decode([file[25], file[26], file[27]]) }
     }
 }
 
@@ -258,8 +269,7 @@ impl<'m> Model<'m> {
         if word(bytes, 16) as u32 != checksum(&bytes[20..]) {
             return Err(ModelError::Checksum);
         }
-        let method = Method::decode([bytes[25], bytes[26]]);
-        let Some(method) = method.filter(|_| bytes[20..25] == GEOMETRY && bytes[27] == 0) else {
+        let Some(method) = Method::of_header(bytes).filter(|_| bytes[20..25] == GEOMETRY) else {
             return Err(ModelError::Geometry);
         };
         let mut sections = [&[][..]; Section::ALL.len()];

@@ -6,10 +6,10 @@
 //! starts where the background's motion puts the object's last place, so that what is left to find is the object's
 //! motion against the background.
 
+use crate::channels::{Newest, Slice};
 use crate::cube::{Cube, Patch, SCALARS, SLICES, SUBCELL, WINDOW};
 use crate::feature::Features;
 use crate::gradient::CELL;
-use crate::integral::Integral;
 use crate::registration::Motion;
 use crate::trees::Forest;
 
@@ -102,10 +102,10 @@ impl Alignment {
 /// What the slices of a cube are cut from.
 #[derive(Debug, Clone, Copy)]
 pub struct Slices<'a> {
-    /// Tables of the level, newest first; frames not yet seen repeat the oldest.
-    pub tables: [Integral<'a>; SLICES],
-    /// Second table of the newest frame.
-    pub newest: Integral<'a>,
+    /// Frames on the level, newest first; frames not yet seen repeat the oldest. Slices that are not there stay empty.
+    pub slices: [Option<Slice<'a>>; SLICES],
+    /// The newest frame on the level.
+    pub newest: Newest<'a>,
     /// Motion of the background from the frame k ago to the one before it.
     pub motions: [Motion; SLICES - 1],
     /// Frame pixels of a pixel of the level, Q16.
@@ -169,8 +169,13 @@ pub fn compensate(
             at = Position::centred(slices.motions[k - 1].map(x, y), slices.scale);
         }
         let (origin, before) = (at, path.moves);
-        let (table, patch) = (&slices.tables[k], &mut cube.slices[k]);
-        patch.cut(table, at.x, at.y);
+        let patch = &mut cube.slices[k];
+        let Some(slice) = &slices.slices[k] else {
+            *patch = Patch::EMPTY;
+            path.positions[k] = at;
+            continue;
+        };
+        patch.cut(slice, at.x, at.y);
         for _ in 0..regressors.map_or(0, |_| MAX_MOVES) {
             let Some(regressors) = regressors else { break };
             let (h, v) = regressors.offset(patch);
@@ -187,7 +192,7 @@ pub fn compensate(
             let (dx, dy) = (next.x - at.x, next.y - at.y);
             if (dx, dy) != (0, 0) {
                 at = next;
-                patch.cut(table, at.x, at.y);
+                patch.cut(slice, at.x, at.y);
                 path.moves += 1;
             }
             if dx * dx + dy * dy <= EPSILON_SQUARED {
@@ -199,7 +204,7 @@ pub fn compensate(
         path.positions[k] = at;
         path.moved[k] = Position { x: at.x - origin.x, y: at.y - origin.y };
     }
-    cube.newest.cut(&slices.newest, path.positions[0].x, path.positions[0].y);
+    cube.newest.cut_newest(&slices.newest, path.positions[0].x, path.positions[0].y);
     cube.scalars[FIRST_SCALAR..].copy_from_slice(&path.scalars());
     path
 }
@@ -207,9 +212,9 @@ pub fn compensate(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::channels::MAGNITUDE;
+    use crate::channels::{Difference, MAGNITUDE};
     use crate::feature::{Denominator, Feature};
-    use crate::integral::{Builder, words};
+    use crate::image::Image;
     use crate::planar::{Sample, fit};
     use crate::trees::{NEVER_REJECT, Node, encode};
     use proptest::prelude::*;
@@ -219,12 +224,15 @@ mod tests {
     /// Cells in a row and in a column of the level.
     const SIDE: usize = 40;
 
-    /// A table of cells whose channels are all `value(x, y)`.
-    fn table(value: impl Fn(i32, i32) -> u8) -> Vec<u16> {
-        let mut storage = vec![0; words(SIDE, SIDE)];
-        let mut builder = Builder::new(&mut storage, SIDE);
-        (0..SIDE).for_each(|y| builder.push_row(|x| [value(x as i32, y as i32); 8]));
-        storage
+    /// Pixels of a level on which cell (x, y) is `value(x, y)` before black: every second one each way, so that the
+    /// cell's magnitude is proportional to it.
+    fn picture(value: impl Fn(i32, i32) -> u8) -> Vec<u8> {
+        let side = 2 * SIDE as i32;
+        (0..side * side)
+            .map(|i| {
+                if i % 2 == 0 && i / side % 2 == 0 { value(i % side / 2, i / side / 2) } else { 0 }
+            })
+            .collect()
     }
 
     /// The background moves by (dx, dy) pixels, Q8.
@@ -236,9 +244,14 @@ mod tests {
         motion
     }
 
-    fn slices<'a>(tables: &'a [Vec<u16>], motions: [Motion; SLICES - 1], scale: u32) -> Slices<'a> {
-        let view = |i: usize| Integral::new(&tables[i.min(tables.len() - 1)], SIDE, SIDE);
-        Slices { tables: core::array::from_fn(view), newest: view(0), motions, scale }
+    fn slices(pictures: &[Vec<u8>], motions: [Motion; SLICES - 1], scale: u32) -> Slices<'_> {
+        let view = |i: usize| {
+            let pixels = &pictures[i.min(pictures.len() - 1)];
+            let picture = Image::packed(pixels, 2 * SIDE, 2 * SIDE).unwrap();
+            Slice { grey: picture, near: Difference { picture, halved: false } }
+        };
+        let newest = Newest { slice: view(0), far: view(0).near, plain: view(0).near };
+        Slices { slices: core::array::from_fn(|i| Some(view(i))), newest, motions, scale }
     }
 
     fn empty() -> Cube {
@@ -274,13 +287,13 @@ mod tests {
     /// Algorithm 1 as the paper has it, with the loop's test the right way round: position and moves of one slice.
     fn textbook(
         regressors: &Regressors<'_>,
-        table: &Integral<'_>,
+        slice: &Slice<'_>,
         start: Position,
     ) -> (Position, u32) {
         let (mut at, mut n, mut moves) = (start, 0, 0);
         loop {
             let mut patch = Patch::EMPTY;
-            patch.cut(table, at.x, at.y);
+            patch.cut(slice, at.x, at.y);
             let (h, v) = regressors.offset(&patch);
             // To whole quarters of a cell, no farther than half a window from the start.
             let step = |offset: i32| (f64::from(offset) / 64.0 + 0.5).floor() as i32;
@@ -316,12 +329,12 @@ mod tests {
             shifts in prop::array::uniform3((-4000..4000i32, -4000..4000i32)), scale in 65536..500_000u32,
             seed in any::<u32>(),
         ) {
-            let texture = |k: usize| table(move |x, y| {
+            let texture = |k: usize| picture(move |x, y| {
                 let n = (x as u32 / 3).wrapping_mul(0x9e37_79b1) ^ (y as u32 / 2).wrapping_mul(0x85eb_ca77);
                 ((n ^ seed).wrapping_mul(0x2c1b_3c6d + 2 * k as u32) >> 24) as u8
             });
-            let tables: Vec<_> = (0..SLICES).map(texture).collect();
-            let slices = slices(&tables, shifts.map(|(dx, dy)| translation(dx, dy)), scale);
+            let pictures: Vec<_> = (0..SLICES).map(texture).collect();
+            let slices = slices(&pictures, shifts.map(|(dx, dy)| translation(dx, dy)), scale);
             let mut cube = empty();
             let start = Position { x: start_x, y: start_y };
             regressors(&halves(), [&horizontal, &vertical], |regressors| {
@@ -343,7 +356,7 @@ mod tests {
                         prop_assert!((f64::from(origin.x) - exact.0).abs() <= 0.51, "{:?} {:?}", origin, exact);
                         prop_assert!((f64::from(origin.y) - exact.1).abs() <= 0.51, "{:?} {:?}", origin, exact);
                     }
-                    let (at, n) = textbook(regressors, &slices.tables[k], origin);
+                    let (at, n) = textbook(regressors, &slices.slices[k].unwrap(), origin);
                     moves += n;
                     prop_assert_eq!(path.positions[k], at);
                 }
@@ -359,8 +372,8 @@ mod tests {
 
     #[test]
     fn moves_end_at_epsilon_and_n_max() {
-        let tables = [table(|_, _| 50)];
-        let slices = slices(&tables, [Motion::IDENTITY; SLICES - 1], 65536);
+        let pictures = [picture(|_, _| 50)];
+        let slices = slices(&pictures, [Motion::IDENTITY; SLICES - 1], 65536);
         let push = |horizontal: i32, vertical: i32| {
             let forests = [horizontal, vertical].map(|bias| encode(1, bias, 4, &[]));
             regressors(&halves(), [&forests[0], &forests[1]], |regressors| {
@@ -389,10 +402,10 @@ mod tests {
 
     #[test]
     fn older_slices_start_where_the_background_was() {
-        let tables = [table(|x, y| (x * y) as u8)];
+        let pictures = [picture(|x, y| (x * y) as u8)];
         // 3, -2 and 0 pixels a frame: 6, -4 and 0 quarters of a cell of two pixels.
         let motions = [translation(768, 0), translation(-512, 256), translation(0, 0)];
-        let slices = slices(&tables, motions, 65536);
+        let slices = slices(&pictures, motions, 65536);
         let path = compensate(&slices, None, Position { x: 41, y: 22 }, &mut empty());
         let expected = [(41, 22), (47, 22), (43, 24), (43, 24)].map(|(x, y)| Position { x, y });
         assert_eq!(path.positions, expected);
@@ -400,18 +413,31 @@ mod tests {
     }
 
     #[test]
+    fn slices_that_are_not_there_stay_empty_and_on_the_background() {
+        let pictures = [picture(|x, y| (x * y) as u8)];
+        let mut slices = slices(&pictures, [translation(768, 0); SLICES - 1], 65536);
+        let all = compensate(&slices, None, Position { x: 40, y: 40 }, &mut empty());
+        slices.slices[1..].fill(None);
+        let mut cube = empty();
+        cube.slices[2].cut(&slices.slices[0].unwrap(), 40, 40);
+        assert_eq!(compensate(&slices, None, Position { x: 40, y: 40 }, &mut cube), all);
+        let energy = |k: usize| cube.slices[k].sum(MAGNITUDE, 0, 0, WINDOW, WINDOW);
+        assert!(energy(0) > 0 && (1..SLICES).all(|k| energy(k) == 0));
+    }
+
+    #[test]
     fn the_object_stays_in_the_middle() {
         // A square of 4 cells that flies 2 cells to the right and 1 up a frame before a still background.
         let corner = |k: i32| (20 - 2 * k, 14 + k);
-        let tables: Vec<_> = (0..SLICES as i32)
+        let pictures: Vec<_> = (0..SLICES as i32)
             .map(|k| {
                 let (left, top) = corner(k);
-                table(move |x, y| {
+                picture(move |x, y| {
                     200 * u8::from((left..left + 4).contains(&x) && (top..top + 4).contains(&y))
                 })
             })
             .collect();
-        let slices = slices(&tables, [Motion::IDENTITY; SLICES - 1], 65536);
+        let slices = slices(&pictures, [Motion::IDENTITY; SLICES - 1], 65536);
         // To where more than the half is.
         let towards = |feature: u16| {
             let node = |threshold| Node { feature, threshold };

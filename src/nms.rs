@@ -3,14 +3,14 @@
 use crate::image::Rect;
 
 /// Keeps of `items`, which come best first, those whose box overlaps none of the kept ones by more than
-/// `overlap` (intersection over union, Q8). Order stays. At most `most` are kept; returns how many more there
-/// would have been.
-pub fn suppress<T, const N: usize>(
-    items: &mut heapless::Vec<T, N>,
+/// `overlap` (intersection over union, Q8), in their order at the start of the slice. At most `most` are kept; returns
+/// how many are, and how many more there would have been.
+pub fn suppress<T>(
+    items: &mut [T],
     rect: impl Fn(&T) -> Rect,
     overlap: u8,
     most: usize,
-) -> u32 {
+) -> (usize, u32) {
     let (mut kept, mut dropped) = (0, 0);
     for i in 0..items.len() {
         let candidate = rect(&items[i]);
@@ -24,8 +24,7 @@ pub fn suppress<T, const N: usize>(
             dropped += 1;
         }
     }
-    items.truncate(kept);
-    dropped
+    (kept, dropped)
 }
 
 #[cfg(test)]
@@ -50,8 +49,9 @@ mod tests {
                     naive.push(*candidate);
                 }
             }
-            let mut fast: heapless::Vec<Rect, 40> = boxes.iter().copied().collect();
-            let dropped = suppress(&mut fast, |r| *r, 128, most);
+            let mut fast = boxes.clone();
+            let (kept, dropped) = suppress(&mut fast, |r| *r, 128, most);
+            fast.truncate(kept);
             prop_assert_eq!(dropped as usize, naive.len().saturating_sub(most));
             naive.truncate(most);
             prop_assert_eq!(fast.as_slice(), naive.as_slice());

@@ -13,7 +13,7 @@ use crate::planar::{MAX_SAMPLES, Sample, fit};
 use crate::pyramid;
 
 /// Levels of the pyramid: a half, a quarter, an eighth of the frame.
-const LEVELS: usize = 3;
+pub const LEVELS: usize = 3;
 
 /// Corners: at most one in each cell of this grid.
 const COLUMNS: usize = 20;
@@ -80,34 +80,40 @@ impl Registration {
             return Motion::IDENTITY;
         }
         let old = levels(self.width, self.height, old);
-        self.measure(&new, &old)
+        measure((self.width, self.height), &new, &old)
     }
+}
 
-    fn measure(&self, new: &[Image<'_>; LEVELS], old: &[Image<'_>; LEVELS]) -> Motion {
-        let corners = corners(new[0]);
-        let still = Motion::still(self.width, self.height);
-        let mut motion = still;
-        // A level of few pixels shows the windows only the middle of the picture.
-        let side = |level: usize| new[level].width().min(new[level].height());
-        let coarsest = (1..LEVELS).rev().find(|&level| side(level) >= MIN_SIDE).unwrap_or(0);
-        for level in (0..=coarsest).rev() {
-            let bits = level as u32 + 1;
-            let mut samples = Samples::new();
-            for &(x, y) in &corners {
-                let (dx, dy) = motion.shift(x, y);
-                let guess = (dx >> bits, dy >> bits);
-                let found = flow::track(new[level], old[level], (x >> bits, y >> bits), guess);
-                let Some((dx, dy)) = found else { continue };
-                let (dx, dy) = (dx << bits, dy << bits);
-                if dx.abs().max(dy.abs()) < MAX_SHIFT {
-                    // There are no more corners than the samples have room for.
-                    let _ = samples.push(Sample { x, y, dx, dy });
-                }
+/// The motion that leads from a frame of `width` x `height` back to an older one: pyramids of both, finest first. Not valid
+/// where the pictures give nothing to hold on to.
+pub fn measure(
+    (width, height): (usize, usize),
+    new: &[Image<'_>; LEVELS],
+    old: &[Image<'_>; LEVELS],
+) -> Motion {
+    let corners = corners(new[0]);
+    let still = Motion::still(width, height);
+    let mut motion = still;
+    // A level of few pixels shows the windows only the middle of the picture.
+    let side = |level: usize| new[level].width().min(new[level].height());
+    let coarsest = (1..LEVELS).rev().find(|&level| side(level) >= MIN_SIDE).unwrap_or(0);
+    for level in (0..=coarsest).rev() {
+        let bits = level as u32 + 1;
+        let mut samples = Samples::new();
+        for &(x, y) in &corners {
+            let (dx, dy) = motion.shift(x, y);
+            let guess = (dx >> bits, dy >> bits);
+            let found = flow::track(new[level], old[level], (x >> bits, y >> bits), guess);
+            let Some((dx, dy)) = found else { continue };
+            let (dx, dy) = (dx << bits, dy << bits);
+            if dx.abs().max(dy.abs()) < MAX_SHIFT {
+                // There are no more corners than the samples have room for.
+                let _ = samples.push(Sample { x, y, dx, dy });
             }
-            motion = fit(still, &samples, if level == 0 { 8 } else { 6 });
         }
-        if motion.is_valid() { motion } else { Motion::IDENTITY }
+        motion = fit(still, &samples, if level == 0 { 8 } else { 6 });
     }
+    if motion.is_valid() { motion } else { Motion::IDENTITY }
 }
 
 /// Writes the pyramid of `frame` and returns its levels, finest first.

@@ -3,8 +3,8 @@
 //! Each weak learner is a small tree over single values of the level's map (Dollar et al. 2014, aggregate channel
 //! features), with a rejection threshold after each tree (Bourdev & Brandt 2005). Map and thresholds are bytes.
 
-use crate::channels::{MAP_CHANNELS, PADDING};
 use crate::cube::WINDOW;
+use crate::map::{MAP_CHANNELS, PADDING, Strip};
 use crate::trees::Forest;
 
 /// A window that the scan kept.
@@ -26,28 +26,29 @@ const ROW: usize = WINDOW * MAP_CHANNELS;
 /// Values in a window's map, and features of the scan's trees: numbered by row, column and channel.
 pub const FEATURES: usize = WINDOW * ROW;
 
-/// The map of a level as the scan reads it.
+/// The map of a level, or rows of it, as the scan reads it.
 #[derive(Debug, Clone, Copy)]
 pub struct Map<'a> {
     bytes: &'a [u8],
     stride: usize,
+    /// Number of the first row, counted from the first row of padding.
+    top: usize,
     /// Positions of windows in a row and in a column.
     windows: (usize, usize),
 }
 
 impl<'a> Map<'a> {
-    /// The map in `bytes` of a level of `columns` x `rows` cells. Panics if there are fewer bytes than that needs.
-    pub fn new(bytes: &'a [u8], columns: usize, rows: usize) -> Self {
-        let (width, height) = (columns + 2 * PADDING, rows + 2 * PADDING);
-        let windows = ((width + 1).saturating_sub(WINDOW), (height + 1).saturating_sub(WINDOW));
-        Self {
-            bytes: &bytes[..width * height * MAP_CHANNELS],
-            stride: width * MAP_CHANNELS,
-            windows,
-        }
+    /// Rows of the map of a level of `columns` cells in a row.
+    pub fn new(strip: Strip<'a>, columns: usize) -> Self {
+        let width = columns + 2 * PADDING;
+        let Strip { top, bytes } = strip;
+        let rows = bytes.len() / (width * MAP_CHANNELS);
+        let windows = ((width + 1).saturating_sub(WINDOW), (rows + 1).saturating_sub(WINDOW));
+        Self { bytes, stride: width * MAP_CHANNELS, top, windows }
     }
 
-    /// Positions of windows in a row and in a column; the first of each is [`PADDING`] cells outside the picture.
+    /// Positions of windows in a row and in a column; of a whole map the first of each is [`PADDING`] cells outside the
+    /// picture.
     pub fn windows(&self) -> (usize, usize) {
         self.windows
     }
@@ -68,7 +69,7 @@ impl<'a> Map<'a> {
     /// scan's.
     pub fn values(&self, x: i16, y: i16) -> [u8; FEATURES] {
         let place = |v: i16| (i32::from(v) + PADDING as i32) as usize;
-        let window = self.window(place(x), place(y));
+        let window = self.window(place(x), place(y) - self.top);
         core::array::from_fn(|i| window[i / ROW * self.stride + i % ROW])
     }
 
@@ -85,7 +86,7 @@ impl<'a> Map<'a> {
                 };
                 if let Some(score) = cascade.cascade(test) {
                     let place = |v: usize| v as i16 - PADDING as i16;
-                    found(Candidate { level, x: place(column), y: place(row), score });
+                    found(Candidate { level, x: place(column), y: place(self.top + row), score });
                 }
             }
         }
@@ -119,7 +120,7 @@ mod tests {
         ) {
             let (width, height) = (columns + 2 * PADDING, rows + 2 * PADDING);
             let bytes: Vec<u8> = seed.into_iter().cycle().take(width * height * MAP_CHANNELS).collect();
-            let map = Map::new(&bytes, columns, rows);
+            let map = Map::new(Strip { top: 0, bytes: &bytes }, columns);
             let file = encode(2, bias, FEATURES as u16, &trees);
             let (forest, _) = Forest::parse(&file).unwrap();
             let (mut naive, mut windows) = (vec![], 0);

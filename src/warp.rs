@@ -7,11 +7,18 @@ use crate::registration::Motion;
 const BLOCK: usize = 16;
 
 /// Resamples `previous`, the frame `chain.len()` frames before `current`, to the geometry of `current`: `chain` holds
-/// the motions from `current` to the frame before it, from there to the one before, and so on. Pixels that `previous`
-/// did not see take the value of `current`. `out` is packed, `width * height` bytes.
+/// the motions from `current` to the frame before it, from there to the one before, and so on. Both pictures are the
+/// frames halved `octave` times. Pixels that `previous` did not see take the value of `current`. `out` is packed,
+/// `width * height` bytes.
 ///
-/// Panics if the frames differ in size or `out` has fewer bytes than they have pixels.
-pub fn warp(previous: Image<'_>, current: Image<'_>, chain: &[Motion], out: &mut [u8]) {
+/// Panics if the pictures differ in size or `out` has fewer bytes than they have pixels.
+pub fn warp(
+    previous: Image<'_>,
+    current: Image<'_>,
+    octave: u32,
+    chain: &[Motion],
+    out: &mut [u8],
+) {
     let (width, height) = (current.width(), current.height());
     assert_eq!((previous.width(), previous.height()), (width, height), "size of the frames");
     if width == 0 || height == 0 {
@@ -26,9 +33,10 @@ pub fn warp(previous: Image<'_>, current: Image<'_>, chain: &[Motion], out: &mut
     }
     for top in (0..height).step_by(BLOCK) {
         let rows = BLOCK.min(height - top);
-        let mut left = [knot(chain, 0, top), knot(chain, 0, top + BLOCK)];
+        let knot = |x, y| knot(chain, octave, x, y);
+        let mut left = [knot(0, top), knot(0, top + BLOCK)];
         for x in (0..width).step_by(BLOCK) {
-            let right = [knot(chain, x + BLOCK, top), knot(chain, x + BLOCK, top + BLOCK)];
+            let right = [knot(x + BLOCK, top), knot(x + BLOCK, top + BLOCK)];
             for j in 0..rows {
                 let y = top + j;
                 let start = between(left, j);
@@ -49,12 +57,13 @@ pub fn warp(previous: Image<'_>, current: Image<'_>, chain: &[Motion], out: &mut
     }
 }
 
-/// Shift of the centre of pixel (x, y) through the whole chain, in pixels, Q16.
-fn knot(chain: &[Motion], x: usize, y: usize) -> (i32, i32) {
-    let start = (((2 * x + 1) << 7) as i32, ((2 * y + 1) << 7) as i32);
+/// Shift of the centre of pixel (x, y) of the halved frames through the whole chain, in their pixels, Q16.
+fn knot(chain: &[Motion], octave: u32, x: usize, y: usize) -> (i32, i32) {
+    let centre = |v: usize| ((2 * v + 1) << (7 + octave)) as i32;
+    let start = (centre(x), centre(y));
     let end = chain.iter().fold(start, |(x, y), motion| motion.map(x, y));
     // Farther than any picture reaches, and no overflow in what follows.
-    let limit = |v: i32| v.clamp(-1 << 21, 1 << 21) << 8;
+    let limit = |v: i32| v.clamp(-1 << 21, 1 << 21) << 8 >> octave;
     (limit(end.0.saturating_sub(start.0)), limit(end.1.saturating_sub(start.1)))
 }
 
@@ -214,7 +223,7 @@ mod tests {
             let current: Vec<u8> = previous.iter().map(|v| v ^ 255).collect();
             let view = |p| Image::packed(p, w, h).unwrap();
             let mut out = vec![0; w * h];
-            warp(view(&previous), view(&current), &chain, &mut out);
+            warp(view(&previous), view(&current), 0, &chain, &mut out);
             for (i, &got) in out.iter().enumerate() {
                 let (x, y) = ((i % w) as i32, (i / w) as i32);
                 let start = (x * 256 + 128, y * 256 + 128);
@@ -242,9 +251,9 @@ mod tests {
         let (previous, current) =
             (Image::new(&pixels, 38, 23, 41).unwrap(), Image::packed(&[7; 874], 38, 23).unwrap());
         let mut out = vec![0; 874];
-        warp(previous, current, &[Motion::IDENTITY; 3], &mut out);
+        warp(previous, current, 0, &[Motion::IDENTITY; 3], &mut out);
         assert!((0..23).all(|y| out[y * 38..][..38] == *previous.row(y)));
-        warp(Image::packed(&[], 0, 4).unwrap(), Image::packed(&[], 0, 4).unwrap(), &[], &mut []);
+        warp(Image::packed(&[], 0, 4).unwrap(), Image::packed(&[], 0, 4).unwrap(), 0, &[], &mut []);
     }
 
     proptest! {

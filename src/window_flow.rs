@@ -3,7 +3,7 @@
 //! What the paper compares Algorithm 1 with: pyramidal Lucas-Kanade flow says where the picture in the window was a frame
 //! before, from slice to slice. It follows what has structure, which before trees and fields is the background.
 
-use crate::cube::{Cube, SLICES};
+use crate::cube::{Cube, Patch, SLICES};
 use crate::flow;
 use crate::image::Image;
 use crate::motion::{FIRST_SCALAR, Path, Position, Slices};
@@ -118,11 +118,14 @@ pub fn follow(
             let pixels = |shift: i32| ((i64::from(shift) * i64::from(slices.scale)) >> 16) as i32;
             at = Position::centred((guess.0 + pixels(x), guess.1 + pixels(y)), slices.scale);
         }
-        cube.slices[k].cut(&slices.tables[k], at.x, at.y);
+        match &slices.slices[k] {
+            Some(slice) => cube.slices[k].cut(slice, at.x, at.y),
+            None => cube.slices[k] = Patch::EMPTY,
+        }
         path.positions[k] = at;
         path.moved[k] = Position { x: at.x - origin.x, y: at.y - origin.y };
     }
-    cube.newest.cut(&slices.newest, start.x, start.y);
+    cube.newest.cut_newest(&slices.newest, start.x, start.y);
     cube.scalars[FIRST_SCALAR..].copy_from_slice(&path.scalars());
     path
 }
@@ -130,12 +133,11 @@ pub fn follow(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::channels::{Difference, Newest, Slice};
     use crate::cube::SUBCELL;
     use crate::flow::tests::{render, texture};
     use crate::gradient::CELL;
-    use crate::integral::{Integral, words};
     use crate::registration::Motion;
-    use std::vec;
     use std::vec::Vec;
 
     const WIDTH: usize = 320;
@@ -143,6 +145,19 @@ mod tests {
 
     fn empty() -> Cube {
         Cube::EMPTY
+    }
+
+    /// Slices in which there is nothing: the flow looks at the frames.
+    fn plain(scale: u32) -> Slices<'static> {
+        let picture = Image::packed(&[90; 12], 4, 3).unwrap();
+        let difference = Difference { picture, halved: false };
+        let slice = Slice { grey: picture, near: difference };
+        Slices {
+            slices: [Some(slice); SLICES],
+            newest: Newest { slice, far: difference, plain: difference },
+            motions: [Motion::IDENTITY; SLICES - 1],
+            scale,
+        }
     }
 
     /// Positions of the slices where the picture moves by `step` pixels a frame, in frame pixels from the newest.
@@ -154,14 +169,7 @@ mod tests {
             })
             .collect();
         let frames = core::array::from_fn(|k| Image::packed(&frames[k], WIDTH, HEIGHT).unwrap());
-        let table = vec![0; words(160, 120)];
-        let table = Integral::new(&table, 160, 120);
-        let slices = Slices {
-            tables: [table; SLICES],
-            newest: table,
-            motions: [Motion::IDENTITY; SLICES - 1],
-            scale,
-        };
+        let slices = plain(scale);
         let start = Position::centred((160 << 8, 120 << 8), scale);
         let path = follow(&slices, &frames, start, &mut empty());
         let unit = f64::from(scale) / 65536.0 * CELL as f64 / f64::from(SUBCELL);
@@ -188,19 +196,12 @@ mod tests {
 
     #[test]
     fn a_plain_picture_holds_the_slices_where_they_are() {
-        let plain = [Image::packed(&[90; 64 * 48], 64, 48).unwrap(); SLICES];
-        let table = vec![0; words(32, 24)];
-        let table = Integral::new(&table, 32, 24);
-        let slices = Slices {
-            tables: [table; SLICES],
-            newest: table,
-            motions: [Motion::IDENTITY; SLICES - 1],
-            scale: 65536,
-        };
+        let frames = [Image::packed(&[90; 64 * 48], 64, 48).unwrap(); SLICES];
+        let slices = plain(65536);
         // Partly outside, too.
         for x in [-30, 20, 100] {
             let start = Position { x, y: 20 };
-            let path = follow(&slices, &plain, start, &mut empty());
+            let path = follow(&slices, &frames, start, &mut empty());
             assert_eq!((path.positions, path.moves), ([start; SLICES], 0));
         }
     }

@@ -149,6 +149,38 @@ fn replay_of_a_simulated_flight() {
 }
 
 #[test]
+fn scaled_frames_are_told_in_their_own_pixels() {
+    let folder = tempfile::tempdir().unwrap();
+    let jsonl = path(&folder, "lines.jsonl");
+    let flight = [
+        "replay",
+        "--simulate",
+        "crossing",
+        "--seconds",
+        "0.5",
+        "--width",
+        "320",
+        "--height",
+        "240",
+    ];
+    let run = |more: &[&str]| {
+        let outputs = ["--threshold", "-1000", "--digest", "--jsonl", &jsonl];
+        let digest = succeeded(lookout(&[&flight[..], &outputs, more].concat(), b""));
+        (digest, json_lines(&jsonl))
+    };
+    let (digest, _) = run(&[]);
+    assert_eq!(run(&["--frame", "320x240"]).0, digest);
+    let (smaller, lines) = run(&["--frame", "160x120"]);
+    assert_ne!(smaller, digest);
+    let right = lines
+        .iter()
+        .flat_map(|line| line["detections"].as_array().unwrap())
+        .map(|d| d["box"][0].as_f64().unwrap())
+        .fold(0.0, f64::max);
+    assert!(right > 170.0, "{right}");
+}
+
+#[test]
 fn replay_draws_a_video() {
     if !has_ffmpeg() {
         return;
@@ -379,6 +411,10 @@ fn bench_measures() {
     for stage in ["registration", "channels", "scan", "cubes", "boxes"] {
         assert!(figures["stages_ms"][stage].as_f64().unwrap() >= 0.0, "{stage}");
     }
+    let smaller = [&args[..], &["--frame", "20x16"]].concat();
+    let figures: serde_json::Value =
+        serde_json::from_str(&succeeded(lookout(&smaller, b""))).unwrap();
+    assert_eq!((&figures["width"], &figures["height"]), (&20.into(), &16.into()));
     let text = succeeded(lookout(&["bench", "--input", &video], b""));
     assert!(text.starts_with("40x30, 8 frames"), "{text}");
 }

@@ -182,8 +182,8 @@ fn each_refusal_says_why() {
     assert_eq!(error, ModelError::Checksum);
     assert!(text.contains("checksum"));
 
-    // Window, channels of the map; parts and scales that do not exist; the reserved byte.
-    for (place, value) in [(20, 11), (24, 15), (25, 12), (25, 64), (26, 0), (26, 5), (27, 1)] {
+    // Window, channels of the map; parts, scales and a history that do not exist.
+    for (place, value) in [(20, 11), (24, 15), (25, 12), (25, 64), (26, 0), (26, 5), (27, 2)] {
         let (error, text) = refusal(|bytes| {
             bytes[place] = value;
             repair(bytes);

@@ -5,6 +5,7 @@ use super::flight::FlightArgs;
 use super::interrupt::Ended;
 use super::pipeline::{self, DetectorArgs, Memory, ModelFile};
 use super::replay::print_line;
+use super::scaled::Scaling;
 use super::source::Frame;
 use crate::detector::{Config, Detections, Detector, SLICES, Stage};
 use crate::model::Model;
@@ -124,7 +125,10 @@ fn decode(args: &BenchArgs) -> Result<Vec<Frame>, Error> {
         if !source.next_frame(&mut frame)? {
             break;
         }
-        frames.push(frame);
+        let scaling = Scaling::new(args.detector.frame, frame.width, frame.height);
+        let mut seen = Frame::default();
+        scaling.apply(&frame, &mut seen);
+        frames.push(seen);
     }
     Ok(frames)
 }

@@ -119,7 +119,7 @@ impl Difference {
         for lag in LAGS {
             let older = Image::packed(&self.older[lag - 1].0, self.width, self.height)
                 .expect("frames are kept whole");
-            warp::warp(older, frame, &motions[..lag], &mut self.warped);
+            warp::warp(older, frame, 0, &motions[..lag], &mut self.warped);
             warp::temporal_difference(frame, &self.warped, &mut self.difference);
             for (least, difference) in self.least.iter_mut().zip(&self.difference) {
                 *least = (*least).min(*difference);
@@ -180,7 +180,9 @@ impl Difference {
         blobs.retain(|&(_, score)| score >= self.threshold);
         found.dropped = blobs.len().saturating_sub(MOST) as u32;
         boxes.extend(blobs.into_iter().take(MOST));
-        found.dropped += nms::suppress(&mut boxes, |b| b.0, OVERLAP, MAX_DETECTIONS);
+        let (kept, dropped) = nms::suppress(&mut boxes, |b| b.0, OVERLAP, MAX_DETECTIONS);
+        boxes.truncate(kept);
+        found.dropped += dropped;
         found.list.extend(boxes.iter().map(|&(rect, score)| Detection {
             rect,
             score,

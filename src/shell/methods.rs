@@ -3,7 +3,8 @@
 //! The paper's competitors (its table 1 and section 4.4), as far as they can be told in parts of one detector: the same
 //! frames, boxes, negatives, trees, box regressors and non-maximum suppression. What differs stands in [`Recipe`] alone.
 
-use crate::channels::MAP_CHANNELS;
+use crate::history::History;
+use crate::map::MAP_CHANNELS;
 use crate::model::Method;
 use crate::motion::Alignment;
 use core::fmt;
@@ -76,7 +77,7 @@ pub struct Recipe {
     pub method: Method,
     /// How the trees over windows are learned.
     pub windows: Learner,
-    /// Channels of the scan's map that these trees may ask, from the first one on (see [`crate::channels::map`]).
+    /// Channels of the scan's map that these trees may ask, from the first one on (see [`crate::map::strips`]).
     pub map_channels: usize,
     /// What features of cubes, for the classifier and the box, may see.
     pub sees: Sees,
@@ -97,6 +98,7 @@ const OURS: Recipe = Recipe {
         stcube: true,
         persistence: true,
         scales_per_octave: 2,
+        history: History::Full,
     },
     windows: Learner::Boosting,
     map_channels: MAP_CHANNELS,

@@ -27,6 +27,7 @@ pub mod ranking;
 pub mod replay;
 pub mod report;
 pub mod run;
+pub mod scaled;
 pub mod score;
 pub mod simulate;
 pub mod source;

@@ -5,6 +5,7 @@ use super::difference::Difference;
 use super::error::Error;
 use super::interrupt::{self, Ended};
 use super::methods::MethodName;
+use super::scaled::{FrameSize, Scaling};
 use super::source::{Frame, FrameSource};
 use crate::calibration::ONE;
 use crate::detector::{Buffers, Config, Detections, Detector};
@@ -60,6 +61,9 @@ pub struct DetectorArgs {
     /// Report detections from the score on from which this share of them was right on training clips held back, 0 to 1
     #[arg(long, value_name = "P", conflicts_with = "threshold", value_parser = parse_precision)]
     pub min_precision: Option<u32>,
+    /// Show the detector frames scaled to this size; what it finds is told in pixels of the frames as they are
+    #[arg(long, value_name = "WxH")]
+    pub frame: Option<FrameSize>,
     /// What to leave out.
     #[command(flatten)]
     pub ablation: Ablation,
@@ -183,6 +187,11 @@ impl Memory {
         Self { bytes: vec![0; config.bytes_len()], words: vec![0; config.words_len()] }
     }
 
+    /// The bytes themselves.
+    pub fn bytes(&mut self) -> &mut [u8] {
+        &mut self.bytes
+    }
+
     /// The bytes and words themselves.
     pub fn parts(&mut self) -> (&mut [u8], &mut [u16]) {
         (&mut self.bytes, &mut self.words)
@@ -221,12 +230,23 @@ pub fn run(
     each: &mut Each<'_>,
 ) -> Result<Ended, Error> {
     let first = first_frame(input, source)?;
-    let config = args.config(model, first.width, first.height)?;
+    let scaling = Scaling::new(args.frame, first.width, first.height);
+    let (width, height) = scaling.seen();
+    let config = args.config(model, width, height)?;
     let mut memory = Memory::new(&config);
     tracing::debug!(input, ?config, bytes = memory.len_bytes(), "detector");
     let refused = |source| Error::Detector { input: input.into(), frame: 1, source };
     let mut detector = memory.detector(model, config).map_err(refused)?;
-    let mut process = |frame: &Frame| detector.process(frame.view(), frame.time_us);
+    let mut seen = Frame::default();
+    let mut process = |frame: &Frame| {
+        if scaling.is_none() {
+            return detector.process(frame.view(), frame.time_us);
+        }
+        scaling.apply(frame, &mut seen);
+        let mut found = detector.process(seen.view(), frame.time_us)?;
+        scaling.restore(&mut found);
+        Ok(found)
+    };
     process_all(input, source, first, &mut process, each)
 }
 

@@ -4,7 +4,7 @@
 pub mod golden;
 
 use lookout::calibration::Knot;
-use lookout::detector::{Buffers, Config, Detections, Detector};
+use lookout::detector::{Buffers, Config, Detections, Detector, History};
 use lookout::image::Image;
 use lookout::model::{self, GEOMETRY, MAGIC, Method, Model, Section, VERSION};
 use lookout::motion::Alignment;
@@ -25,6 +25,7 @@ pub const METHOD: Method = Method {
     stcube: true,
     persistence: true,
     scales_per_octave: 2,
+    history: History::Full,
 };
 
 /// Bytes of a forest over `features` features.
@@ -53,7 +54,6 @@ pub fn assemble(sections: &Sections) -> Vec<u8> {
     bytes.extend([0; 10]);
     bytes.extend(GEOMETRY);
     bytes.extend(METHOD.encode());
-    bytes.push(0);
     sections.iter().for_each(|s| bytes.extend((s.len() as u32).to_le_bytes()));
     sections.iter().for_each(|s| bytes.extend(s));
     repair(&mut bytes);

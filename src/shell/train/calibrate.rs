@@ -12,6 +12,7 @@ use crate::shell::detections::{self, SCORE_BITS};
 use crate::shell::error::Error;
 use crate::shell::judge::{self, Found, Verdict, WARMUP};
 use crate::shell::pipeline::{self, DetectorArgs};
+use crate::shell::scaled::FrameSize;
 use crate::shell::{parallel, source};
 use std::format;
 use std::path::PathBuf;
@@ -43,7 +44,7 @@ impl Pool {
     }
 }
 
-/// Runs the detector on every `hold_back`th clip of each folder and counts; folders weigh the same. No knots where
+/// Runs the detector on every `hold_back`th clip of each folder, its frames scaled to `frame`, and counts; folders weigh the same. No knots where
 /// no clip is held back; none after Ctrl-C.
 ///
 /// # Errors
@@ -51,6 +52,7 @@ impl Pool {
 pub fn measure(
     folders: &[PathBuf],
     hold_back: usize,
+    frame: Option<FrameSize>,
     model: &Model<'_>,
 ) -> Result<Option<Vec<Knot>>, Error> {
     let (mut all, mut folder_of) = (Vec::new(), Vec::new());
@@ -65,7 +67,7 @@ pub fn measure(
     if all.is_empty() {
         return Ok(Some(Vec::new()));
     }
-    let Some(counted) = parallel::clips(&all, 0, &|_, clip| count(clip, model))? else {
+    let Some(counted) = parallel::clips(&all, 0, &|_, clip| count(clip, frame, model))? else {
         return Ok(None);
     };
     let mut frames = vec![0; folders.len()];
@@ -81,11 +83,15 @@ pub fn measure(
 }
 
 /// Frames judged, and every detection that counts: score (Q16) and whether it is right.
-fn count(clip: &Clip, model: &Model<'_>) -> Result<(u64, Vec<(i32, bool)>), Error> {
+fn count(
+    clip: &Clip,
+    frame: Option<FrameSize>,
+    model: &Model<'_>,
+) -> Result<(u64, Vec<(i32, bool)>), Error> {
     let input = format!("{}", clip.input.display());
     let mut found: Vec<Found> = Vec::new();
     let mut source = source::open(&input)?;
-    let args = DetectorArgs::default();
+    let args = DetectorArgs { frame, ..DetectorArgs::default() };
     pipeline::run(&input, source.as_mut(), model, &args, &mut |number, _, detections| {
         found.extend(detections::found(number, detections));
         Ok(())

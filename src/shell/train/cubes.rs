@@ -3,14 +3,16 @@
 use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
 use super::random::Random;
+use super::windows;
 use crate::cube::{Cube, Patch, SCALARS, SUBCELL, WINDOW};
-use crate::detector::{self, Config, Detections};
+use crate::detector::Config;
 use crate::feature::Feature;
-use crate::judge::{self, Judge};
+use crate::judge::Judge;
 use crate::levels::Pyramid;
 use crate::model::Model;
 use crate::motion::Position;
 use crate::scan::Candidate;
+use crate::search;
 use std::vec::Vec;
 
 /// Tolerance of a cube's label, after Algorithm 1.
@@ -59,7 +61,7 @@ pub fn patches(
     let mut patch = Patch::EMPTY;
     for truth in truths(&view.boxes) {
         let Truth::Target(truth) = truth else { continue };
-        for level in pyramid.iter().filter(|l| l.level.active) {
+        for level in pyramid.searched() {
             let from_origin = Offset::of(&truth, Position::default(), &level.level);
             if from_origin.scale().abs() > 0.45 {
                 continue;
@@ -68,7 +70,7 @@ pub fn patches(
             for _ in 0..PATCHES {
                 let away = (random.symmetric() * reach, random.symmetric() * reach);
                 let position = around(&from_origin, away);
-                patch.cut(&view.front.slices(level).tables[0], position.x, position.y);
+                patch.cut(&level.newest.slice, position.x, position.y);
                 let value = |f: &Feature| {
                     f.value(core::slice::from_ref(&patch), &Patch::EMPTY, &[0; SCALARS])
                 };
@@ -95,12 +97,12 @@ pub fn cubes(
     random: &mut Random,
 ) -> Vec<Row> {
     let truths = truths(&view.boxes);
-    let found = detector::scan(model, config, pyramid, &mut Detections::default());
+    let found = windows::candidates(pyramid, model, config);
     let mut candidates: Vec<(Candidate, Position, bool)> =
-        found.iter().map(|c| (*c, judge::window(c), true)).collect();
+        found.iter().map(|c| (*c, search::window(c), true)).collect();
     for truth in &truths {
         let Truth::Target(truth) = truth else { continue };
-        for level in pyramid.iter().filter(|l| l.level.active) {
+        for level in pyramid.searched() {
             let offset = Offset::of(truth, Position::default(), &level.level);
             if offset.scale().abs() > REACH.scale {
                 continue;
@@ -118,23 +120,22 @@ pub fn cubes(
         alignment: config.alignment,
         trace: false,
         stcube: config.stcube,
-        frames: view.frames,
         front: view.front,
-        pyramid,
+        pyramid: *pyramid,
     };
     let mut rows = Vec::new();
     let mut cube = Cube::EMPTY;
     for (candidate, position, scanned) in candidates {
-        let level = &pyramid[usize::from(candidate.level)];
+        let level = &pyramid.levels()[usize::from(candidate.level)];
         let path = judge.cut(&candidate, position, &mut cube);
         let at = path.positions[0];
-        let (class, target) = match label(&truths, at, &level.level, &TOLERANCE) {
+        let (class, target) = match label(&truths, at, level, &TOLERANCE) {
             Label::Positive(target, _) => (1.0, view.number * 16 + target.min(15) as u32),
             Label::Negative => (-1.0, 0),
             Label::Ignore => (0.0, 0),
         };
         let class = if scanned { class } else { 0.0 };
-        let offset = match label(&truths, at, &level.level, &REACH) {
+        let offset = match label(&truths, at, level, &REACH) {
             Label::Positive(_, offset) => Some(offset),
             Label::Negative | Label::Ignore => None,
         };

@@ -86,7 +86,6 @@ impl Parts {
         let length = HEADER + self.sections.iter().map(Vec::len).sum::<usize>();
         let mut covered = GEOMETRY.to_vec();
         covered.extend(self.method.encode());
-        covered.push(0);
         self.sections.iter().for_each(|s| covered.extend((s.len() as u32).to_le_bytes()));
         self.sections.iter().for_each(|s| covered.extend(s));
         let mut bytes = MAGIC.to_vec();

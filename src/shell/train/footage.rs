@@ -1,23 +1,23 @@
 //! The flights that are learned from: sampled frames with what the front end needs before each.
 
+use super::TrainArgs;
 use super::look::Look;
 use super::random::Random;
 use crate::cube::SLICES;
 use crate::detector::Config;
-use crate::front::{FrontEnd, KEPT};
-use crate::image::Image;
+use crate::front::{FrontEnd, REACH};
 use crate::levels::Pyramid;
 use crate::shell::clips::{self, GroundTruth, TruthBox};
 use crate::shell::error::Error;
 use crate::shell::parallel;
 use crate::shell::pipeline::Memory;
+use crate::shell::scaled::{FrameSize, Scaling};
 use crate::shell::source::{self, Frame};
-use std::path::PathBuf;
 use std::string::ToString;
 use std::vec::Vec;
 
 /// Frames before a sampled one that its cubes depend on: those of the oldest slice and of its temporal differences.
-const HISTORY: usize = SLICES - 1 + KEPT - 1;
+const HISTORY: usize = SLICES - 1 + REACH;
 
 /// Sampled frames in a row that are shown with the same look.
 const SEGMENT: usize = 6;
@@ -27,8 +27,10 @@ const SEGMENT: usize = 6;
 pub struct Footage {
     /// Number among all clips.
     pub number: usize,
-    /// Its boxes.
+    /// Its boxes in the frames as recorded.
     truth: GroundTruth,
+    /// From these to the frames below.
+    scaling: Scaling,
     /// Whether it is kept back to decide when to stop, never trained on.
     pub held_back: bool,
     /// Numbers of the sampled frames, from 1.
@@ -46,19 +48,14 @@ pub enum Depth {
     Cube,
 }
 
-/// Reads the clips of `folders` and keeps about `samples` frames of each folder, evenly spread. Every `hold_back`th
-/// clip of a folder is held back (0: none).
+/// Reads the clips of all folders and keeps about so many frames of each folder as asked for, evenly spread.
 ///
 /// # Errors
 /// [`Error`] of the first clip that cannot be read.
-pub fn load(
-    folders: &[PathBuf],
-    samples: usize,
-    hold_back: usize,
-    tick: impl Fn() + Sync,
-) -> Result<Vec<Footage>, Error> {
+pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Error> {
+    let &TrainArgs { samples, hold_back, frame, .. } = args;
     let mut footage: Vec<Footage> = Vec::new();
-    for folder in folders {
+    for folder in &args.data {
         let clips = clips::clips(folder)?;
         let frames: u64 = clips.iter().map(|c| c.ground_truth.last_frame().max(1)).sum();
         let every = (frames as usize / samples.max(1)).max(1);
@@ -66,7 +63,7 @@ pub fn load(
         let numbered: Vec<_> = clips.into_iter().enumerate().collect();
         let loaded = parallel::map(numbered, |(place, clip)| {
             let held_back = is_held_back(place, hold_back);
-            let footage = read(clip, every, before + place, held_back);
+            let footage = read(clip, every, frame, before + place, held_back);
             tick();
             footage
         });
@@ -82,11 +79,18 @@ pub fn is_held_back(place: usize, hold_back: usize) -> bool {
     hold_back > 0 && place % hold_back == hold_back - 1
 }
 
-fn read(clip: clips::Clip, every: usize, number: usize, held_back: bool) -> Result<Footage, Error> {
+fn read(
+    clip: clips::Clip,
+    every: usize,
+    size: Option<FrameSize>,
+    number: usize,
+    held_back: bool,
+) -> Result<Footage, Error> {
     let mut source = source::open(&clip.input.display().to_string())?;
     let mut footage = Footage {
         number,
         truth: clip.ground_truth,
+        scaling: Scaling::new(size, 0, 0),
         held_back,
         samples: Vec::new(),
         frames: Vec::new(),
@@ -99,7 +103,12 @@ fn read(clip: clips::Clip, every: usize, number: usize, held_back: bool) -> Resu
         let next =
             if index <= first { first } else { first + (index - first).div_ceil(every) * every };
         let needed = next - index <= HISTORY;
-        footage.frames.push(if needed { frame.clone() } else { Frame::default() });
+        footage.scaling = Scaling::new(size, frame.width, frame.height);
+        let mut seen = Frame::default();
+        if needed {
+            footage.scaling.apply(&frame, &mut seen);
+        }
+        footage.frames.push(seen);
         if index == next {
             footage.samples.push(index + 1);
         }
@@ -116,8 +125,6 @@ pub struct View<'a> {
     pub boxes: Vec<TruthBox>,
     /// Whether it is of a clip that is held back.
     pub held_back: bool,
-    /// The frame and those before it, newest first: those of a cube's slices.
-    pub frames: [Image<'a>; SLICES],
     /// The front end after the frame.
     pub front: &'a FrontEnd,
 }
@@ -161,13 +168,13 @@ pub fn visit<T: Send>(
             let (width, height) = look.size(size.width, size.height);
             let config = config(width, height);
             let mut memory = Memory::new(&config);
-            let (bytes, words) = memory.parts();
+            let bytes = memory.bytes();
             let mut front = config.front();
             let mut last = 0;
             let mut picture = Frame::default();
             for &frame in frames {
                 let slices = if selection.depth == Depth::Cube { SLICES } else { 1 };
-                let history = slices - 1 + KEPT - 1;
+                let history = slices - 1 + REACH;
                 let start = frame.saturating_sub(history).max(1);
                 if last == 0 || start > last + 1 {
                     front = config.front();
@@ -181,21 +188,16 @@ pub fn visit<T: Send>(
                         continue;
                     }
                     front.build(picture.view(), bytes, &mut || {});
-                    let (mut pyramid, frames) = front.pyramid_and_frames(bytes, words);
-                    for level in pyramid.iter_mut().filter(|l| l.level.active) {
-                        front.fill_tables(level);
-                    }
                     if number == frame {
-                        let noise = FrontEnd::noise(&pyramid);
-                        for level in pyramid.iter_mut().filter(|l| l.level.active) {
-                            front.fill_map(level, &noise);
-                        }
+                        let (pyramid, _) = front.pyramid(picture.view(), bytes);
                         let boxes = clip.truth.frame(frame as u64);
                         let view = View {
                             number: (clip.number * 4096 + frame) as u32,
-                            boxes: boxes.iter().map(|b| look.truth(b, size.width)).collect(),
+                            boxes: boxes
+                                .iter()
+                                .map(|b| look.truth(&clip.scaling.truth(b), size.width))
+                                .collect(),
                             held_back: clip.held_back,
-                            frames,
                             front: &front,
                         };
                         results.extend(work(&view, &pyramid));

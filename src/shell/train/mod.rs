@@ -19,9 +19,11 @@ mod windows;
 
 use super::error::Error;
 use super::interrupt::Ended;
-use super::methods::{MethodName, Recipe};
+use super::methods::{MethodName, Recipe, Sees};
 use super::pipeline::Ablation;
 use super::pipeline::ModelFile;
+use super::scaled::FrameSize;
+use crate::history::History;
 use crate::model::{Method, Model, Section};
 use crate::motion::Alignment;
 use file::Parts;
@@ -96,6 +98,12 @@ pub struct TrainArgs {
     /// Every how many clips one is held back to decide when to stop; 0: none
     #[arg(long, default_value_t = 8)]
     pub hold_back: usize,
+    /// Learn from frames scaled to this size: for a smaller camera
+    #[arg(long, value_name = "WxH")]
+    pub frame: Option<FrameSize>,
+    /// Keep of older frames their halves alone, and look at cubes of the newest slice: for small boards
+    #[arg(long)]
+    pub half_history: bool,
     /// Levels of the pyramid for each doubling of the target's size
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=4))]
     pub scales_per_octave: u8,
@@ -152,7 +160,11 @@ impl TrainArgs {
         let alignment = self.alignment.map_or(recipe.method.alignment, Alignment::from);
         let scales_per_octave = self.scales_per_octave;
         let method = self.ablation.of(recipe.method);
-        Ok(Recipe { method: Method { alignment, scales_per_octave, ..method }, ..recipe })
+        let history = if self.half_history { History::Half } else { method.history };
+        let method = Method { alignment, scales_per_octave, history, ..method };
+        // Without older slices there is nothing to see in them.
+        let sees = if history.slices() == 1 { Sees::Newest } else { recipe.sees };
+        Ok(Recipe { method, sees, ..recipe })
     }
 
     /// What is there before the first stage.
@@ -204,10 +216,11 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
         None => args.start(&recipe)?,
     };
     let trainer = Trainer::load(args, recipe, &report)?;
-    // Without cubes there is nothing to compensate, and of the cubes' trees only those of the box.
-    let stages = match recipe.method.stcube {
-        true => &[Section::Scan, Section::Horizontal, Section::Cube][..],
-        false => &[Section::Scan, Section::BoxX],
+    // Without cubes or older slices there is nothing to compensate; without cubes, of their trees only those of the box.
+    let stages = match (recipe.method.stcube, recipe.method.history) {
+        (true, History::Full) => &[Section::Scan, Section::Horizontal, Section::Cube][..],
+        (true, History::Half) => &[Section::Scan, Section::Cube],
+        (false, _) => &[Section::Scan, Section::BoxX],
     };
     for &stage in stages {
         if parts.has_trees(stage) {
@@ -228,7 +241,7 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
     parts.set_provenance(&settings);
     let summary = trainer.summary();
     drop(trainer);
-    let Some(precision) = calibrate(&mut parts, &args.data, args.hold_back)? else {
+    let Some(precision) = calibrate(&mut parts, args, args.hold_back)? else {
         return Ok(Ended::Interrupted);
     };
     report.note(&std::format!("precision: {precision}"))?;
@@ -242,12 +255,12 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
 /// Puts in what the scores are worth and tells it in words; none after Ctrl-C.
 fn calibrate(
     parts: &mut Parts,
-    data: &[PathBuf],
+    args: &TrainArgs,
     hold_back: usize,
 ) -> Result<Option<String>, Error> {
     let bytes = parts.encode();
     let model = Model::parse(&bytes).map_err(|e| Error::Training { reason: e.to_string() })?;
-    let knots = calibrate::measure(data, hold_back, &model)?;
+    let knots = calibrate::measure(&args.data, hold_back, args.frame, &model)?;
     Ok(knots.map(|knots| {
         parts.set_calibration(&knots);
         calibrate::in_words(&knots)
@@ -262,7 +275,7 @@ fn recalibrate(args: &TrainArgs, path: &Path) -> Result<Ended, Error> {
     let provenance: serde_json::Value =
         serde_json::from_str(model.provenance()).unwrap_or_default();
     let hold_back = provenance["hold_back"].as_u64().map_or(args.hold_back, |n| n as usize);
-    let Some(precision) = calibrate(&mut parts, &args.data, hold_back)? else {
+    let Some(precision) = calibrate(&mut parts, args, hold_back)? else {
         return Ok(Ended::Interrupted);
     };
     let bytes = parts.encode();

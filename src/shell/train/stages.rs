@@ -56,7 +56,7 @@ impl<'a> Trainer<'a> {
     /// Reads the flights.
     pub fn load(args: &'a TrainArgs, recipe: Recipe, report: &Report) -> Result<Self, Error> {
         let bar = report.bar("reading clips", 0);
-        let footage = footage::load(&args.data, args.samples, args.hold_back, || bar.inc(1))?;
+        let footage = footage::load(args, || bar.inc(1))?;
         bar.finish_and_clear();
         Ok(Self { args, recipe, footage })
     }

@@ -4,18 +4,23 @@ use super::boost::{Data, Samples, SamplesError};
 use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
 use super::random::Random;
-use crate::channels::MAP_CHANNELS;
 use crate::cube::SUBCELL;
-use crate::detector::{self, Config, Detections};
-use crate::judge;
+use crate::detector::Config;
 use crate::levels::Pyramid;
+use crate::map::{self, MAP_CHANNELS, PADDING, Strip};
 use crate::model::Model;
 use crate::motion::Position;
 use crate::scan::{FEATURES, Map};
+use crate::search::{self, Scratch};
+use std::vec;
 use std::vec::Vec;
 
-/// Tolerance of the scan's labels: windows step by a cell, levels by half an octave.
-const TOLERANCE: Tolerance = Tolerance { distance: 0.8, scale: 0.32, far: 3.0, other_scale: 1.0 };
+/// Tolerance of the scan's labels: windows step by a cell, and half a step between levels is the farthest that a target
+/// can be from the nearest of them, and a little more.
+fn tolerance(pyramid: &Pyramid<'_>) -> Tolerance {
+    let step = 1.0 / pyramid.geometry().scales_per_octave() as f64;
+    Tolerance { distance: 0.8, scale: 0.5 * step + 0.07, far: 3.0, other_scale: 1.0 }
+}
 
 /// Values of a window's map and what it shows.
 #[derive(Debug, Clone)]
@@ -28,9 +33,41 @@ pub struct Window {
     pub held_back: bool,
 }
 
-fn map<'a>(pyramid: &'a Pyramid<'_>, level: usize) -> Map<'a> {
-    let (columns, rows) = pyramid[level].level.cells();
-    Map::new(pyramid[level].map(), columns, rows)
+/// The whole maps of all levels; empty for levels that are not searched.
+struct Maps {
+    columns: Vec<usize>,
+    bytes: Vec<Vec<u8>>,
+}
+
+impl Maps {
+    fn of(pyramid: &Pyramid<'_>) -> Self {
+        let noise = search::noise(pyramid, &mut vec![0; search::noise_words(pyramid.levels())]);
+        let mut bytes = vec![Vec::new(); pyramid.levels().len()];
+        for pictures in pyramid.searched() {
+            let (columns, rows) = pictures.level.cells();
+            let height = rows + 2 * PADDING;
+            let mut memory = vec![0; map::strip_bytes(columns, height)];
+            let mut words = vec![0; map::strip_words(columns)];
+            let own = &mut bytes[usize::from(pictures.number)];
+            map::strips(&pictures.newest, &noise, (height, 0), &mut memory, &mut words, |strip| {
+                own.extend_from_slice(strip.bytes);
+            });
+        }
+        Self { columns: pyramid.levels().iter().map(|level| level.cells().0).collect(), bytes }
+    }
+
+    fn map(&self, level: usize) -> Map<'_> {
+        Map::new(Strip { top: 0, bytes: &self.bytes[level] }, self.columns[level])
+    }
+}
+
+/// The windows that the model's scan hands on, best first.
+pub fn candidates(pyramid: &Pyramid<'_>, model: &Model<'_>, config: &Config) -> search::Candidates {
+    let geometry = pyramid.geometry();
+    let mut bytes = vec![0; search::bytes_len(geometry, false)];
+    let mut words = vec![0; search::words_len(geometry, false)];
+    let scratch = Scratch { bytes: &mut bytes, words: &mut words };
+    search::search(model.scan(), pyramid, config.candidates, false, scratch).0
 }
 
 /// The position of the scan's window (x, y) in cells.
@@ -41,19 +78,20 @@ fn position(x: i16, y: i16) -> Position {
 /// All windows that show a target of the frame.
 pub fn positives(view: &View<'_>, pyramid: &Pyramid<'_>) -> Vec<Window> {
     let truths = truths(&view.boxes);
+    let (maps, tolerance) = (Maps::of(pyramid), tolerance(pyramid));
     let mut windows = Vec::new();
     for (target, truth) in truths.iter().enumerate() {
         let Truth::Target(truth) = truth else { continue };
-        for (index, level) in pyramid.iter().enumerate().filter(|(_, l)| l.level.active) {
+        for level in pyramid.searched() {
             let offset = Offset::of(truth, Position::default(), &level.level);
-            if offset.scale().abs() > TOLERANCE.scale {
+            if offset.scale().abs() > tolerance.scale {
                 continue;
             }
-            let map = map(pyramid, index);
+            let map = maps.map(usize::from(level.number));
             let place = |v: f64, count: usize| {
-                let last = count as i16 - 1 - crate::channels::PADDING as i16;
-                let first = -(crate::channels::PADDING as i16);
-                (first..=last).filter(move |&at| (v - f64::from(at)).abs() <= TOLERANCE.distance)
+                let last = count as i16 - 1 - PADDING as i16;
+                let first = -(PADDING as i16);
+                (first..=last).filter(move |&at| (v - f64::from(at)).abs() <= tolerance.distance)
             };
             for y in place(offset.y, map.windows().1) {
                 for x in place(offset.x, map.windows().0) {
@@ -77,15 +115,16 @@ pub fn random_negatives(
     random: &mut Random,
 ) -> Vec<Window> {
     let truths = truths(&view.boxes);
-    let active: Vec<usize> = (0..pyramid.len()).filter(|&i| pyramid[i].level.active).collect();
+    let (maps, tolerance) = (Maps::of(pyramid), tolerance(pyramid));
+    let active: Vec<usize> = pyramid.searched().map(|level| level.number.into()).collect();
     let mut windows = Vec::new();
     for _ in 0..count {
         let level = active[random.below(active.len())];
-        let map = map(pyramid, level);
+        let map = maps.map(level);
         let (columns, rows) = map.windows();
-        let place = |v: usize| v as i16 - crate::channels::PADDING as i16;
+        let place = |v: usize| v as i16 - PADDING as i16;
         let (x, y) = (place(random.below(columns)), place(random.below(rows)));
-        if label(&truths, position(x, y), &pyramid[level].level, &TOLERANCE) == Label::Negative {
+        if label(&truths, position(x, y), &pyramid.levels()[level], &tolerance) == Label::Negative {
             windows.push(Window {
                 values: map.values(x, y),
                 target: None,
@@ -104,15 +143,15 @@ pub fn hard_negatives(
     config: &Config,
 ) -> Vec<Window> {
     let truths = truths(&view.boxes);
-    let candidates = detector::scan(model, config, pyramid, &mut Detections::default());
-    candidates
+    let (maps, tolerance) = (Maps::of(pyramid), tolerance(pyramid));
+    candidates(pyramid, model, config)
         .iter()
         .filter(|c| {
-            let level = &pyramid[usize::from(c.level)].level;
-            label(&truths, judge::window(c), level, &TOLERANCE) == Label::Negative
+            let level = &pyramid.levels()[usize::from(c.level)];
+            label(&truths, search::window(c), level, &tolerance) == Label::Negative
         })
         .map(|c| Window {
-            values: map(pyramid, usize::from(c.level)).values(c.x, c.y),
+            values: maps.map(usize::from(c.level)).values(c.x, c.y),
             target: None,
             held_back: view.held_back,
         })

@@ -3,9 +3,9 @@
 use super::super::contrast::contrast;
 use super::flow::{Pictures, follow};
 use crate::cube::{Cube, SLICES, WINDOW};
-use crate::front::{FrontEnd, KEPT};
+use crate::front::{FrontEnd, REACH as BACK};
 use crate::gradient::CELL;
-use crate::levels::{LevelBuffers, Pyramid};
+use crate::levels::{Level, Pyramid};
 use crate::model::Model;
 use crate::motion::{self, Position};
 use crate::registration::Motion;
@@ -36,7 +36,7 @@ pub const SEED: u64 = 1;
 const REACH: f64 = WINDOW as f64 / 4.0;
 
 /// Frames before a drawn one that its slices depend on.
-const HISTORY: u64 = (SLICES - 1 + KEPT - 1) as u64;
+const HISTORY: u64 = (SLICES - 1 + BACK) as u64;
 
 /// Ways to place the older slices: along the background's motion alone, Algorithm 1, Lucas-Kanade flow.
 pub const WAYS: [&str; 3] = ["background alone", "ours", "LK"];
@@ -143,19 +143,16 @@ fn run_clip(
         }
         let config = args.config(model, frame.width, frame.height)?;
         let (front, memory) = state.get_or_insert_with(|| (config.front(), Memory::new(&config)));
-        let (bytes, words) = memory.parts();
+        let bytes = memory.bytes();
         front.take(frame.view(), bytes);
         if next - number >= SLICES as u64 {
             continue;
         }
         front.build(frame.view(), bytes, &mut || {});
-        let mut pyramid = front.pyramid(bytes, words);
-        for level in pyramid.iter_mut().filter(|l| l.level.active) {
-            front.fill_tables(level);
-        }
         if number == next {
+            let (pyramid, _) = front.pyramid(frame.view(), bytes);
             let pictures: Vec<Pictures> = recent.iter().map(Pictures::new).collect();
-            let scene = Scene { model, front, pyramid: &pyramid, pictures: &pictures };
+            let scene = Scene { model, front, pyramid, pictures: &pictures };
             for target in clip.ground_truth.frame(number) {
                 let Some(track) = track(&clip.ground_truth, number, target) else { continue };
                 let contrast = contrast(frame, &rect(target));
@@ -173,7 +170,7 @@ fn run_clip(
 struct Scene<'a> {
     model: &'a Model<'a>,
     front: &'a FrontEnd,
-    pyramid: &'a Pyramid<'a>,
+    pyramid: Pyramid<'a>,
     /// Newest first.
     pictures: &'a [Pictures],
 }
@@ -182,14 +179,14 @@ impl Scene<'_> {
     /// One start, drawn at random around the target; none if no level is searched.
     fn trial(&self, track: &[TruthBox; SLICES], random: &mut Random) -> Option<Trial> {
         let size = track[0].width.max(track[0].height);
-        let level = self.level_of(size)?;
+        let level = self.pyramid.level(self.level_of(size)?);
         let scale = level.level.scale;
         let cell = CELL as f64 * f64::from(scale) / 65536.0;
         let truth = track.map(|t| [t.left + t.width / 2.0, t.top + t.height / 2.0]);
         let away = [random.symmetric(), random.symmetric()].map(|v| v * REACH * cell);
         let q8 = |axis: usize| ((truth[0][axis] + away[axis]) * 256.0).round() as i32;
         let start = Position::centred((q8(0), q8(1)), scale);
-        let slices = self.front.slices(level);
+        let slices = self.front.slices(&level);
         let mut cube = Cube::EMPTY;
         let alone = motion::compensate(&slices, None, start, &mut cube);
         let ours = motion::compensate(&slices, Some(self.model.regressors()), start, &mut cube);
@@ -238,11 +235,10 @@ impl Scene<'_> {
     }
 
     /// The searched level whose nominal target is nearest to the target in length.
-    fn level_of(&self, size: f64) -> Option<&LevelBuffers<'_>> {
-        let distance =
-            |l: &&LevelBuffers<'_>| (size / (f64::from(l.level.target_q4()) / 16.0)).log2().abs();
-        let levels = self.pyramid.iter().filter(|l| l.level.active);
-        levels.min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    fn level_of(&self, size: f64) -> Option<usize> {
+        let distance = |l: &Level| (size / (f64::from(l.target_q4()) / 16.0)).log2().abs();
+        let levels = self.pyramid.levels().iter().enumerate().filter(|(_, l)| l.active);
+        levels.min_by(|a, b| distance(a.1).total_cmp(&distance(b.1))).map(|(number, _)| number)
     }
 }
 

@@ -1,0 +1,119 @@
+//! What is kept of the last frames (level 1).
+
+/// What is kept of the last frames, and how far back is looked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u8)]
+pub enum History {
+    /// Whole frames: differences at the frame's resolution, cubes of all slices.
+    #[default]
+    Full = 0,
+    /// Frames at half their size, for small boards: a difference for each cell of the finest level, cubes of the newest
+    /// slice alone. Half the width and height are a quarter of the memory, and the newest frame itself is the caller's.
+    Half = 1,
+}
+
+/// Most frames back.
+pub const FARTHEST: usize = 10;
+
+impl History {
+    /// Reads the number that stands in a model file.
+    pub const fn decode(number: u8) -> Option<Self> {
+        match number {
+            0 => Some(Self::Full),
+            1 => Some(Self::Half),
+            _ => None,
+        }
+    }
+
+    /// Frames back to which differences are taken: far back for what moves slowly against the background, and a few
+    /// frames, to the oldest slice of a full cube, for what moves fast.
+    pub const fn lags(self) -> [usize; 2] {
+        match self {
+            Self::Full => [FARTHEST, 3],
+            Self::Half => [8, 3],
+        }
+    }
+
+    /// Halvings of a frame before its differences are taken.
+    pub const fn octave(self) -> u32 {
+        self as u32
+    }
+
+    /// Slices of a cube that are there: the newest and older ones, of 4.
+    pub const fn slices(self) -> usize {
+        match self {
+            Self::Full => 4,
+            Self::Half => 1,
+        }
+    }
+
+    /// Whole frames kept, the newest among them.
+    pub const fn frames(self) -> usize {
+        match self {
+            Self::Full => self.lags()[0] + 1,
+            Self::Half => 0,
+        }
+    }
+
+    /// Halves of frames kept, the newest among them; registration needs the last two.
+    pub const fn halves(self) -> usize {
+        match self {
+            Self::Full => 2,
+            Self::Half => self.lags()[0] + 1,
+        }
+    }
+}
+
+/// Places of the last frames in a ring of so many.
+#[derive(Debug, Clone, Copy)]
+pub struct Ring {
+    length: usize,
+    newest: usize,
+}
+
+impl Ring {
+    /// A ring of `length` places.
+    pub const fn new(length: usize) -> Self {
+        Self { length, newest: 0 }
+    }
+
+    /// Moves on: the oldest place becomes the newest.
+    pub const fn advance(&mut self) {
+        self.newest = if self.newest + 1 < self.length { self.newest + 1 } else { 0 };
+    }
+
+    /// The place of the frame `age` frames ago. Panics if the ring is not that long.
+    pub const fn place(&self, age: usize) -> usize {
+        assert!(age < self.length, "older than the ring is long");
+        (self.newest + self.length - age) % self.length
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ring_holds_the_last_ones() {
+        let mut ring = Ring::new(3);
+        let mut kept = [0; 3];
+        for number in 1..20 {
+            ring.advance();
+            kept[ring.place(0)] = number;
+            for age in 0..3.min(number) {
+                assert_eq!(kept[ring.place(age)], number - age);
+            }
+        }
+    }
+
+    #[test]
+    fn every_difference_finds_its_frame() {
+        for history in [History::Full, History::Half] {
+            assert_eq!(History::decode(history as u8), Some(history));
+            let kept = [history.frames(), history.halves()][history.octave() as usize];
+            assert_eq!(kept, history.lags()[0] + 1);
+            assert!(history.lags()[0] <= FARTHEST && history.halves() >= 2);
+        }
+        assert_eq!(History::decode(2), None);
+    }
+}

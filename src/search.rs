@@ -1,0 +1,286 @@
+//! The candidates of a frame: the scan over the maps of all levels, and which of its windows are handed on (level 6).
+//!
+//! Maps are computed in strips of a few rows and scanned at once: a whole map would be the largest thing in memory.
+
+use crate::channels::DIFFERENCES;
+use crate::cube::{SUBCELL, WINDOW};
+use crate::image::Rect;
+use crate::levels::{Geometry, Level, Pictures, Pyramid};
+use crate::map::{self, Strip};
+use crate::motion::Position;
+use crate::nms;
+use crate::scan::{Candidate, Map};
+use crate::trees::Forest;
+use core::cmp::Reverse;
+use fixed::types::I28F4;
+use heapless::binary_heap::{BinaryHeap, Min};
+
+/// Most windows that are handed on.
+pub const MAX_CANDIDATES: usize = 64;
+
+/// Most windows of one level that are looked at again: the best ones.
+const MAX_KEPT: usize = 256;
+
+/// Overlap (IoU, Q8) above which the weaker of two windows goes.
+const OVERLAP: u8 = 128;
+
+/// Rows of a map that are computed at a time: those of a window and a few more, since all but the first few are moved
+/// up for the next strip.
+const STRIP_ROWS: usize = WINDOW + 3;
+
+/// Words of a candidate in memory.
+const CANDIDATE_WORDS: usize = 5;
+
+/// Best windows of one level.
+type Kept = BinaryHeap<(i32, Reverse<(i16, i16)>), Min, MAX_KEPT>;
+
+/// The windows that are handed on, best first.
+pub type Candidates = heapless::Vec<Candidate, MAX_CANDIDATES>;
+
+/// What the scan did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Windows that were looked at.
+    pub windows: u32,
+    /// Windows that the cascade kept.
+    pub kept: u32,
+    /// Of these, windows that found no room; those that overlap a better one are not counted.
+    pub dropped: u32,
+}
+
+/// Memory of the search; what is in it does not matter.
+#[derive(Debug)]
+pub struct Scratch<'b> {
+    /// At least [`bytes_len`].
+    pub bytes: &'b mut [u8],
+    /// At least [`words_len`].
+    pub words: &'b mut [u16],
+}
+
+/// The window of a candidate.
+pub fn window(candidate: &Candidate) -> Position {
+    let quarters = |v: i16| i32::from(v) * SUBCELL;
+    Position { x: quarters(candidate.x), y: quarters(candidate.y) }
+}
+
+/// The box of the nominal target in the middle of a window.
+pub fn nominal(position: Position, level: &Level) -> Rect {
+    boxed(position.centre(level.scale), level.target_q4(), level.target_q4())
+}
+
+/// A box around a centre (Q8 pixels) of a size in Q4 pixels.
+pub fn boxed(centre: (i32, i32), width: i32, height: i32) -> Rect {
+    Rect {
+        x: I28F4::from_bits((centre.0 >> 4) - width / 2),
+        y: I28F4::from_bits((centre.1 >> 4) - height / 2),
+        width: I28F4::from_bits(width),
+        height: I28F4::from_bits(height),
+    }
+}
+
+/// Bytes and words that a level takes to be scanned.
+const fn level_scratch(level: &Level) -> (usize, usize) {
+    let columns = level.cells().0;
+    if level.active {
+        (map::strip_bytes(columns, STRIP_ROWS), map::strip_words(columns))
+    } else {
+        (0, 0)
+    }
+}
+
+/// Of all levels: the sum where they are scanned in `parallel`, the largest where one follows the other.
+const fn scratch(geometry: &Geometry, parallel: bool) -> (usize, usize) {
+    let (mut bytes, mut words, mut i) = (0, 0, 0);
+    while i < geometry.levels().len() {
+        let level = level_scratch(&geometry.levels()[i]);
+        bytes = if parallel { bytes + level.0 } else { max(bytes, level.0) };
+        words = if parallel { words + level.1 } else { max(words, level.1) };
+        i += 1;
+    }
+    (bytes, words)
+}
+
+/// Bytes of [`Scratch`], with room for levels in parallel or for one after the other.
+pub const fn bytes_len(geometry: &Geometry, parallel: bool) -> usize {
+    scratch(geometry, parallel).0
+}
+
+/// Words of [`Scratch`], as [`bytes_len`].
+pub const fn words_len(geometry: &Geometry, parallel: bool) -> usize {
+    candidate_words(geometry) + scratch(geometry, parallel).1
+}
+
+/// Words for the candidates of all levels; before there are any, of the noise.
+const fn candidate_words(geometry: &Geometry) -> usize {
+    let levels = geometry.levels();
+    let (mut i, mut searched) = (0, 0);
+    while i < levels.len() {
+        searched += levels[i].active as usize;
+        i += 1;
+    }
+    max(searched * MAX_KEPT * CANDIDATE_WORDS, noise_words(levels))
+}
+
+/// Words that [`noise`] needs.
+pub const fn noise_words(levels: &[Level]) -> usize {
+    let (mut i, mut words) = (0, 0);
+    while i < levels.len() {
+        let (columns, rows) = levels[i].cells();
+        words = max(words, map::noise_words(columns, rows));
+        i += 1;
+    }
+    words
+}
+
+/// Noise of the newest frame's differences: from the finest level that is searched. Panics if there are fewer than
+/// [`noise_words`] words.
+pub fn noise(pyramid: &Pyramid<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
+    let finest = pyramid.searched().next();
+    finest.map_or([0; DIFFERENCES], |level| map::noise(&level.newest, words))
+}
+
+const fn max(a: usize, b: usize) -> usize {
+    if a > b { a } else { b }
+}
+
+/// The windows that `cascade` finds best, at most `most` of them and [`MAX_CANDIDATES`]; levels in parallel if asked
+/// for, where there are threads for it. The result is the same. Panics if `scratch` is too small for it.
+pub fn search(
+    cascade: &Forest<'_>,
+    pyramid: &Pyramid<'_>,
+    most: usize,
+    parallel: bool,
+    scratch: Scratch<'_>,
+) -> (Candidates, Counts) {
+    let (found, strips) = scratch.words.split_at_mut(candidate_words(pyramid.geometry()));
+    let noise = noise(pyramid, found);
+    let (found, _) = found.as_chunks_mut();
+    let (mut length, mut counts) = (0, Counts::default());
+    let mut merge = |level: LevelFound| {
+        counts.windows += level.windows;
+        counts.kept += level.kept;
+        counts.dropped += level.kept - level.best.len() as u32;
+        for &(score, Reverse((y, x))) in level.best.iter() {
+            found[length] = encode(&Candidate { level: level.number, x, y, score });
+            length += 1;
+        }
+    };
+    each_level(
+        pyramid,
+        parallel,
+        Scratch { bytes: scratch.bytes, words: strips },
+        &mut merge,
+        |level, scratch| scan_level(cascade, level, &noise, scratch),
+    );
+    let found = &mut found[..length];
+    found.sort_unstable_by_key(|words| {
+        let Candidate { level, x, y, score } = decode(words);
+        (Reverse(score), level, y, x)
+    });
+    let rect = |words: &[u16; CANDIDATE_WORDS]| {
+        let candidate = decode(words);
+        nominal(window(&candidate), &pyramid.levels()[usize::from(candidate.level)])
+    };
+    let (kept, dropped) = nms::suppress(found, rect, OVERLAP, most.min(MAX_CANDIDATES));
+    counts.dropped += dropped;
+    (found[..kept].iter().map(decode).collect(), counts)
+}
+
+/// What the scan of one level found.
+struct LevelFound {
+    number: u8,
+    windows: u32,
+    kept: u32,
+    best: Kept,
+}
+
+/// Does `work` on every searched level, each with memory of its own where they run in parallel, and merges what it
+/// gives in the order of levels.
+fn each_level(
+    pyramid: &Pyramid<'_>,
+    parallel: bool,
+    scratch: Scratch<'_>,
+    merge: &mut impl FnMut(LevelFound),
+    work: impl Fn(&Pictures<'_>, Scratch<'_>) -> LevelFound + Sync,
+) {
+    let Scratch { bytes, words } = scratch;
+    #[cfg(feature = "rayon")]
+    if parallel && rayon::current_num_threads() > 1 {
+        use rayon::prelude::*;
+        let (mut bytes, mut words) = (bytes, words);
+        let tasks: std::vec::Vec<_> = pyramid
+            .searched()
+            .map(|level| {
+                let (own_bytes, own_words) = level_scratch(&level.level);
+                let bytes = bytes.split_off_mut(..own_bytes).unwrap_or_default();
+                let words = words.split_off_mut(..own_words).unwrap_or_default();
+                (level, Scratch { bytes, words })
+            })
+            .collect();
+        let found: std::vec::Vec<LevelFound> = tasks
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|(level, scratch)| work(&level, scratch))
+            .collect();
+        found.into_iter().for_each(merge);
+        return;
+    }
+    let _ = parallel;
+    for level in pyramid.searched() {
+        merge(work(&level, Scratch { bytes: &mut *bytes, words: &mut *words }));
+    }
+}
+
+/// Scans one level.
+fn scan_level(
+    cascade: &Forest<'_>,
+    level: &Pictures<'_>,
+    noise: &[u32; DIFFERENCES],
+    scratch: Scratch<'_>,
+) -> LevelFound {
+    let columns = level.level.cells().0;
+    let mut found = LevelFound { number: level.number, windows: 0, kept: 0, best: Kept::new() };
+    let scan = |strip: Strip<'_>| {
+        let map = Map::new(strip, columns);
+        found.windows += map.window_count();
+        map.scan(level.number, cascade, |candidate| {
+            found.kept += 1;
+            let item = (candidate.score, Reverse((candidate.y, candidate.x)));
+            let best = &mut found.best;
+            if best.push(item).is_err() && best.peek().is_some_and(|worst| *worst < item) {
+                best.pop();
+                // There is room now.
+                let _ = best.push(item);
+            }
+        });
+    };
+    let rows = (STRIP_ROWS, WINDOW - 1);
+    map::strips(&level.newest, noise, rows, scratch.bytes, scratch.words, scan);
+    found
+}
+
+fn encode(candidate: &Candidate) -> [u16; CANDIDATE_WORDS] {
+    let Candidate { level, x, y, score } = *candidate;
+    let score = score.cast_unsigned();
+    [u16::from(level), x.cast_unsigned(), y.cast_unsigned(), (score >> 16) as u16, score as u16]
+}
+
+fn decode(words: &[u16; CANDIDATE_WORDS]) -> Candidate {
+    let [level, x, y, high, low] = *words;
+    let score = (u32::from(high) << 16 | u32::from(low)).cast_signed();
+    Candidate { level: level as u8, x: x.cast_signed(), y: y.cast_signed(), score }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn candidates_survive_the_memory(level: u8, x: i16, y: i16, score: i32) {
+            let candidate = Candidate { level, x, y, score };
+            prop_assert_eq!(decode(&encode(&candidate)), candidate);
+        }
+    }
+}
