@@ -10,6 +10,7 @@
 use crate::angle::{
     ONE, Real, Vector, ZERO, across, add, divide, exp, ln, norm, ratio, sqrt, unit,
 };
+use crate::calibration::{self, Calibration};
 use crate::camera::Camera;
 use crate::detection::{Detection, SHIFTS};
 use crate::geometry::Attitude;
@@ -41,6 +42,13 @@ const FIRST_GROWTH: Real = Real::lit("300");
 /// Rate of a new track without shifts, in thousandths.
 const FIRST_RATE: Real = Real::lit("300");
 
+/// Share of a model's detections (Q16) that are right from the score on that starts a track, on clips held back from
+/// training.
+const START_PRECISION: u32 = calibration::ONE / 25 * 24;
+
+/// The same for the score that continues one: where something is expected, weak evidence will do.
+const KEEP_PRECISION: u32 = calibration::ONE / 3;
+
 /// How tracks are made and kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
@@ -60,29 +68,39 @@ pub struct Settings {
     pub growth_agility: Real,
     /// Error of a detection's place in parts of its size; 0 to 1. A pixel comes to it.
     pub place_error: Real,
-    /// Error of the logarithm of a detection's size; 0 to 1. A pixel comes to it. Larger than from frame to frame, for
-    /// errors of neighbouring frames are alike.
+    /// Error of the logarithm of a detection's size; 0 to 1. A quarter of a pixel comes to it.
     pub size_error: Real,
+    /// How long that error stays alike, in seconds; 0 to 10. The object itself turns, and boxes change slowly.
+    pub size_memory: Real,
 }
 
 impl Default for Settings {
-    /// Values measured on `airborne/train`.
+    /// Values measured on `airborne/train`; scores for a model that does not say what they are worth.
     fn default() -> Self {
         Self {
-            confirm_hits: 5,
-            confirm_window: 8,
+            confirm_hits: 8,
+            confirm_window: 15,
             coast_us: 700_000,
-            start_score: 0,
-            keep_score: -2 << 16,
-            agility: ratio(5, 100),
-            growth_agility: ratio(5, 100),
-            place_error: ratio(8, 100),
-            size_error: ratio(15, 100),
+            start_score: -45_000,
+            keep_score: -3 << 16,
+            agility: ratio(1, 100),
+            growth_agility: ratio(2, 100),
+            place_error: ratio(6, 100),
+            size_error: ratio(12, 100),
+            size_memory: ratio(20, 100),
         }
     }
 }
 
 impl Settings {
+    /// The defaults with the scores that a model's calibration gives, as far as its table reaches.
+    pub fn calibrated(table: &Calibration<'_>) -> Self {
+        let default = Self::default();
+        let start_score = table.threshold(START_PRECISION).unwrap_or(default.start_score);
+        let keep_score = table.threshold(KEEP_PRECISION).unwrap_or(default.keep_score);
+        Self { start_score, keep_score: keep_score.min(start_score), ..default }
+    }
+
     /// Every value within its range.
     fn limited(self) -> Self {
         let window = self.confirm_window.clamp(1, 32);
@@ -94,6 +112,7 @@ impl Settings {
             growth_agility: self.growth_agility.clamp(ratio(1, 1000), Real::from_num(10)),
             place_error: self.place_error.clamp(ZERO, ONE),
             size_error: self.size_error.clamp(ZERO, ONE),
+            size_memory: self.size_memory.clamp(ZERO, Real::from_num(10)),
             ..self
         }
     }
@@ -230,7 +249,7 @@ impl Track {
             growth: ZERO,
             aspect: sight.aspect,
             bearing: Spread::new(sqrt(sight.variance), rate_sigma),
-            growing: Spread::new(sqrt(sight.size_variance), FIRST_GROWTH),
+            growing: Spread::new(sqrt(sight.size_variance) * 2, FIRST_GROWTH),
             history: 1,
             frames: 1,
         }
@@ -253,14 +272,14 @@ impl Track {
     fn distance(&self, sight: &Sight) -> Option<Real> {
         let off = add(sight.direction, self.direction, -ONE).map(|v| v * MILLI);
         let place = off.map(|v| divide(v, sqrt(self.bearing.value + sight.variance)));
-        let place: Real = place.into_iter().map(|v| v * v).fold(ZERO, Real::saturating_add);
+        let square = |v: Real| v.saturating_mul(v);
+        let place = place.into_iter().map(square).fold(ZERO, Real::saturating_add);
         let size = (sight.size - self.size) * MILLI;
-        let size = divide(size, sqrt(self.growing.value + sight.size_variance));
-        let size = size * size;
-        (place <= GATE[0] && size <= GATE[1]).then_some(place + size)
+        let size = square(divide(size, sqrt(self.growing.value + sight.size_variance)));
+        (place <= GATE[0] && size <= GATE[1]).then(|| place + size)
     }
 
-    fn update(&mut self, sight: &Sight, score: i32, time_us: i64) {
+    fn update(&mut self, sight: &Sight, score: i32, time_us: i64, settings: &Settings) {
         let off = across(add(sight.direction, self.direction, -ONE), self.direction);
         let [place, speed] = self.bearing.update(sight.variance);
         self.direction = unit(add(self.direction, off, place));
@@ -273,7 +292,11 @@ impl Track {
         }
         if !sight.cut {
             let off = sight.size - self.size;
-            let [size, growth] = self.growing.update(sight.size_variance);
+            // White noise of the same density as errors that are alike for a while: so many frames count for one.
+            let since =
+                Real::from_num(time_us.saturating_sub(self.seen_us).clamp(1_000, 1_000_000));
+            let alike = ONE + settings.size_memory * 2_000_000 / since;
+            let [size, growth] = self.growing.update(sight.size_variance.saturating_mul(alike));
             self.size += off * size;
             self.growth = (self.growth + off * growth).clamp(-MAX_GROWTH, MAX_GROWTH);
             self.aspect += (sight.aspect - self.aspect) / 8;
@@ -371,7 +394,7 @@ impl Sight {
         let place = milli(extent * settings.place_error + pixel);
         let error = milli(view.error);
         let direction = unit(view.attitude.rotate(camera.body(mx, my)));
-        let size_error = milli(settings.size_error + divide(pixel, extent));
+        let size_error = milli(settings.size_error + divide(pixel, extent) / 4);
         let spec = camera.intrinsics();
         let edge = |v: I28F4, side: u32| v + I28F4::ONE >= I28F4::saturating_from_num(side);
         // The longest way back that is known: its error is that of two places, alike as they are.
@@ -383,7 +406,7 @@ impl Sight {
                 (then.0 >= ratio(1, 200)).then(|| {
                     let rate = add(direction, old, -ONE).map(|v| v / then.0);
                     let sigma = (milli(pixel * 3) + error) / then.0;
-                    (across(rate, direction), (sigma * sigma).min(MAX_VARIANCE))
+                    (across(rate, direction), sigma.saturating_mul(sigma).min(MAX_VARIANCE))
                 })
             });
         Self {
@@ -504,7 +527,7 @@ impl Tracker {
             }
             let Some((_, t, s)) = best else { return };
             let (sight, score) = &sights[s];
-            self.tracks[t].update(sight, *score, time_us);
+            self.tracks[t].update(sight, *score, time_us, &self.settings);
             free[s] = false;
         }
     }

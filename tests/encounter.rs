@@ -10,6 +10,7 @@ use lookout::shell::onboard::Onboard;
 use lookout::shell::pipeline::{DetectorArgs, Memory, ModelFile};
 use lookout::shell::simulate::{Kind, SimulateSettings, Simulator, Telemetry};
 use lookout::shell::source::{Frame, FrameSource, Simulated};
+use lookout::track;
 use lookout::traffic::{Level, Traffic};
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message};
@@ -75,11 +76,13 @@ fn a_collision_from_pixels_to_datagrams() {
     });
 
     let camera = Simulator::new(&settings).camera().camera().unwrap();
-    let mut onboard = Onboard::new(camera, Default::default(), Default::default(), 0);
     let mut telemetry = Telemetry::of(&settings).peekable();
     let file = ModelFile::load(None).unwrap();
     let model = file.parse().unwrap();
-    let args = DetectorArgs { threshold: Some(-2 << 16), ..DetectorArgs::default() };
+    let tracks = track::Settings::calibrated(model.calibration());
+    let onboard = Onboard::new(camera, Default::default(), Default::default(), 0);
+    let mut onboard = onboard.with_tracks(tracks);
+    let args = DetectorArgs { threshold: Some(tracks.keep_score), ..DetectorArgs::default() };
     let config = args.config(&model, settings.width as usize, settings.height as usize).unwrap();
     let mut memory = Memory::new(&config);
     let mut detector = memory.detector(&model, config).unwrap();
