@@ -3,8 +3,7 @@
 //! A track is a direction in a frame of reference that does not turn with the camera, its rate, the logarithm of the
 //! object's angular size and the growth of that. The growth g is the inverse of the time to contact: at a constant
 //! closing speed it rises by g² a second, which the filter foretells, so that a long memory does not lag. Both pairs are
-//! Kalman filters with a random acceleration (Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and
-//! Navigation", 2001, section 6.2.2). Detections go to the nearest track within its gate, the nearest pair first, tracks
+//! Kalman filters ([`crate::kalman`]). Detections go to the nearest track within its gate, the nearest pair first, tracks
 //! that are confirmed before others; what is left starts tracks.
 
 use crate::angle::{
@@ -15,14 +14,9 @@ use crate::camera::Camera;
 use crate::detection::{Detection, SHIFTS};
 use crate::geometry::Attitude;
 use crate::image::Rect;
+use crate::kalman::{MAX_VARIANCE, MILLI, Spread};
 use crate::traffic::MAX_TRAFFIC;
 use fixed::types::I28F4;
-
-/// Variances are of thousandths (milliradians, or thousandths of the size), to keep their bits.
-const MILLI: Real = Real::lit("1000");
-
-/// Largest variance of a value and of a rate, in thousandths squared.
-const MAX_VARIANCE: Real = Real::lit("100000000");
 
 /// Most detections of a frame that are looked at.
 const MAX_SIGHTS: usize = 64;
@@ -115,61 +109,6 @@ impl Settings {
             size_memory: self.size_memory.clamp(ZERO, Real::from_num(10)),
             ..self
         }
-    }
-}
-
-/// Variances of a value and its rate, and their covariance, in thousandths squared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Spread {
-    value: Real,
-    both: Real,
-    rate: Real,
-}
-
-impl Spread {
-    fn new(value: Real, rate: Real) -> Self {
-        Self { value: value * value, both: ZERO, rate: rate * rate }
-    }
-
-    /// `dt` seconds later; the rate's error grows by the factor `bend`, `noise` is the density of the acceleration.
-    fn predict(&mut self, dt: Real, bend: Real, noise: Real) {
-        let Self { value, both, rate } = *self;
-        let noise = (noise * MILLI) * (noise * MILLI) * dt;
-        self.value = value + both * dt * 2 + rate * dt * dt + noise * dt * dt / 3;
-        self.both = (both + rate * dt) * bend + noise * dt / 2;
-        self.rate = rate * bend * bend + noise;
-        self.limit();
-    }
-
-    fn limit(&mut self) {
-        self.value = self.value.clamp(ratio(1, 1000), MAX_VARIANCE);
-        self.rate = self.rate.clamp(ratio(1, 1000), MAX_VARIANCE);
-        let most = sqrt(self.value) * sqrt(self.rate);
-        self.both = self.both.clamp(-most, most);
-    }
-
-    /// Gains of value and rate for a measurement of the value with this variance.
-    fn update(&mut self, variance: Real) -> [Real; 2] {
-        let sum = self.value + variance.min(MAX_VARIANCE);
-        let gains = [divide(self.value, sum), divide(self.both, sum)];
-        let both = self.both;
-        self.value -= self.value * gains[0];
-        self.both -= both * gains[0];
-        self.rate -= both * gains[1];
-        self.limit();
-        gains
-    }
-
-    /// As [`Spread::update`] for a measurement of the rate.
-    fn update_rate(&mut self, variance: Real) -> [Real; 2] {
-        let sum = self.rate + variance.min(MAX_VARIANCE);
-        let gains = [divide(self.both, sum), divide(self.rate, sum)];
-        let both = self.both;
-        self.value -= both * gains[0];
-        self.both -= both * gains[1];
-        self.rate -= self.rate * gains[1];
-        self.limit();
-        gains
     }
 }
 
