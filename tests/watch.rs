@@ -277,7 +277,7 @@ proptest! {
     fn nothing_panics(frames in proptest::collection::vec(
         (any::<i64>(), proptest::collection::vec((any::<[i32; 4]>(), any::<i32>(), any::<[i32; 6]>()), 0..20), any::<[i32; 8]>(), any::<[i64; 4]>(), any::<bool>()),
         1..12,
-    ), wild: bool, settings: [i64; 12]) {
+    ), wild: bool, settings: [i64; 12], (width, height, focal) in (1..=65535u32, 1..=65535u32, 0..=10u32)) {
         let mut chosen = Settings::default();
         if wild {
             let [a, b, c, d, e, f, g, h, i, j, k, l] = settings;
@@ -295,7 +295,11 @@ proptest! {
             chosen.threat.persistence_us = k;
             chosen.threat.known = real(l);
         }
-        let mut watch = Watch::new(chosen, camera());
+        // From the widest to the narrowest view there is.
+        let focal = Real::from_num(width.max(height)) * (1 << focal) / 16;
+        let intrinsics = Intrinsics { width, height, focal: [focal; 2], ..*camera().intrinsics() };
+        let any = Camera::new(intrinsics).ok().filter(|_| wild);
+        let mut watch = Watch::new(chosen, any.unwrap_or(camera()));
         let mut attitudes = Attitudes::new();
         let mut time = 0i64;
         for (step, found, motion, q, sane) in frames {

@@ -10,6 +10,7 @@ use crate::component::{Component, Config, Event, Outgoing, Trust};
 use crate::detector::Detections;
 use crate::geometry::Attitude;
 use crate::message::{Blind, Health};
+use crate::track;
 use crate::traffic::{MAX_TRAFFIC, Traffic};
 use crate::watch::{Settings, Watch};
 use mavlink::MAVLinkMessageRaw;
@@ -20,6 +21,7 @@ const QUATERNION_BITS: u32 = 30;
 /// Watches one camera's detections and speaks MAVLink about them.
 #[derive(Debug)]
 pub struct Onboard {
+    tracks: track::Settings,
     watch: Watch,
     attitudes: Attitudes,
     component: Component,
@@ -29,12 +31,22 @@ pub struct Onboard {
 impl Onboard {
     /// Has heard and seen nothing yet.
     pub fn new(camera: Camera, config: Config, parameters: Parameters, now_us: i64) -> Self {
+        let tracks = track::Settings::default();
         Self {
-            watch: Watch::new(settings(&parameters), camera),
+            tracks,
+            watch: Watch::new(settings(tracks, &parameters), camera),
             attitudes: Attitudes::new(),
             component: Component::new(config, parameters, now_us),
             health: Health::default(),
         }
+    }
+
+    /// Makes tracks by other settings, such as those for the scores of the model in use
+    /// ([`track::Settings::calibrated`]).
+    pub fn with_tracks(mut self, tracks: track::Settings) -> Self {
+        self.tracks = tracks;
+        self.watch.set(settings(tracks, self.component.parameters()));
+        self
     }
 
     /// Hears a frame that came over `link` at `now_us`.
@@ -103,7 +115,9 @@ impl Onboard {
                     }
                 }
                 Event::Restarted | Event::Lost => self.attitudes.clear(),
-                Event::Parameter(_) => self.watch.set(settings(self.component.parameters())),
+                Event::Parameter(_) => {
+                    self.watch.set(settings(self.tracks, self.component.parameters()));
+                }
                 Event::Found { system_id, autopilot } => {
                     tracing::info!(system_id, autopilot, "autopilot found");
                 }
@@ -113,10 +127,12 @@ impl Onboard {
 }
 
 /// How tracks are made and judged under these parameters.
-fn settings(parameters: &Parameters) -> Settings {
+fn settings(tracks: track::Settings, parameters: &Parameters) -> Settings {
     let real = |parameter| Real::from(parameters.get(parameter));
-    let mut settings = Settings::default();
-    settings.track.start_score = parameters.get(Parameter::Threshold).to_bits();
+    let mut settings = Settings { track: tracks, ..Settings::default() };
+    let surer = parameters.get(Parameter::Threshold).to_bits();
+    settings.track.start_score = tracks.start_score.saturating_add(surer);
+    settings.track.keep_score = tracks.keep_score.saturating_add(surer);
     settings.threat.wingspan = real(Parameter::Wingspan);
     settings.threat.caution_time = real(Parameter::CautionTime);
     settings.threat.warning_time = real(Parameter::WarningTime);
@@ -129,6 +145,16 @@ mod tests {
 
     #[test]
     fn the_parameters_defaults_are_those_of_the_tracker() {
-        assert_eq!(settings(&Parameters::default()), Settings::default());
+        let tracks = track::Settings::default();
+        assert_eq!(settings(tracks, &Parameters::default()), Settings::default());
+    }
+
+    #[test]
+    fn the_threshold_moves_the_scores_of_the_model() {
+        let tracks = track::Settings { start_score: -9, keep_score: -20, ..Default::default() };
+        let mut parameters = Parameters::default();
+        assert!(parameters.set(Parameter::Threshold, 1.0));
+        let moved = settings(tracks, &parameters).track;
+        assert_eq!((moved.start_score, moved.keep_score), ((1 << 16) - 9, (1 << 16) - 20));
     }
 }
