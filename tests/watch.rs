@@ -3,11 +3,13 @@
 use fixed::types::I28F4;
 use lookout::angle::Real;
 use lookout::attitudes::Attitudes;
+use lookout::calibration::{self, Calibration, Knot};
 use lookout::camera::{Camera, Intrinsics};
 use lookout::detection::{Detection, SHIFTS, Shift};
 use lookout::geometry::Attitude;
 use lookout::image::Rect;
 use lookout::planar::Motion;
+use lookout::track;
 use lookout::traffic::{Level, MAX_TRAFFIC, Traffic};
 use lookout::watch::{Settings, Watch};
 use proptest::prelude::*;
@@ -247,6 +249,27 @@ fn time_and_attitude_that_jump_leave_nothing_stale() {
     for (frame, time_us) in [(170, -1_000_000_000), (171, 1_000_000_000_000)] {
         let traffic = step(frame, time_us, true);
         assert!(traffic.iter().all(|t| !t.confirmed && t.level == Level::None));
+    }
+}
+
+#[test]
+fn a_model_s_calibration_says_what_makes_a_track() {
+    let knots = |knots: &[(i32, u32)]| -> Vec<u8> {
+        let knot = |&(score, percent)| Knot { score, precision: calibration::ONE / 100 * percent };
+        knots.iter().flat_map(|k| knot(k).encode()).collect()
+    };
+    let default = track::Settings::default();
+    for (table, start_score, keep_score) in [
+        (&[(-500, 10), (-400, 40), (-100, 90), (300, 97), (400, 99)][..], 300, -400),
+        // Never sure enough: what is known of the low scores holds all the same.
+        (&[(-70_000, 20), (-60_000, 50)], default.start_score, -60_000),
+        // All of it good: what starts a track continues it.
+        (&[(7, 98), (8, 99)], 7, 7),
+        (&[], default.start_score, default.keep_score),
+    ] {
+        let bytes = knots(table);
+        let settings = track::Settings::calibrated(&Calibration::parse(&bytes).unwrap());
+        assert_eq!(settings, track::Settings { start_score, keep_score, ..default });
     }
 }
 
