@@ -281,7 +281,7 @@ fn map_cell(
 mod tests {
     use super::*;
     use crate::channels::tests::{Level, level};
-    use crate::cube::WINDOW;
+    use crate::channels::Cell;
     use proptest::prelude::*;
     use std::vec;
     use std::vec::Vec;
