@@ -1,4 +1,4 @@
-//! The shell: everything that needs an operating system (level 9).
+//! The shell: everything that needs an operating system (level 10).
 
 pub mod annotate;
 pub mod bench;
@@ -8,7 +8,6 @@ pub mod clips;
 pub mod clock;
 pub mod detections;
 pub mod difference;
-pub mod digest;
 pub mod doctor;
 pub mod error;
 pub mod eval;
@@ -18,7 +17,6 @@ pub mod interrupt;
 pub mod judge;
 pub mod link;
 pub mod methods;
-pub mod onboard;
 pub mod parallel;
 pub mod pictures;
 pub mod pipeline;

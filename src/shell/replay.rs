@@ -3,11 +3,9 @@
 use super::annotate::Picture;
 use super::camera::{CameraArgs, CameraFile};
 use super::detections::{self, SCORE_BITS, TextFile};
-use super::digest::Digest;
 use super::error::{Error, STDOUT};
 use super::flight::FlightArgs;
 use super::interrupt::{self, Ended};
-use super::onboard::Onboard;
 use super::pictures::Pictures;
 use super::pipeline::{self, DetectorArgs, ModelFile};
 use super::source::Frame;
@@ -16,7 +14,9 @@ use super::traffic;
 use crate::calibration::ONE;
 use crate::component::parameters::Parameters;
 use crate::detector::{Detection, Detections};
+use crate::digest::Digest;
 use crate::model::Model;
+use crate::onboard::Onboard;
 use crate::track;
 use crate::traffic::Level;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -212,7 +212,7 @@ impl Outputs {
             pictures.write(number, frame.time_us, &self.picture)?;
         }
         if let Some(digest) = &mut self.digest {
-            digest.update(found);
+            digest.update(&found.list);
         }
         if self.tell {
             for detection in &found.list {

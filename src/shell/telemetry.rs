@@ -6,10 +6,10 @@
 use super::error::Error;
 use super::link::signing::{self, Signing};
 use super::link::{LinkSpec, Links};
-use super::onboard::Onboard;
 use super::simulate;
 use super::tlog::{self, Reader, TlogError};
-use crate::component::{Outgoing, Trust};
+use crate::component::{Event, Outgoing, Trust};
+use crate::onboard::Onboard;
 use mavlink::MAVLinkMessageRaw;
 use std::boxed::Box;
 use std::collections::BTreeMap;
@@ -144,6 +144,11 @@ impl Telemetry {
             self.now_us = (self.now_us + TICK_US).min(to_us);
             self.hear(onboard)?;
             self.wait(onboard);
+            while let Some(event) = onboard.event() {
+                if let Event::Found { system_id, autopilot } = event {
+                    tracing::info!(system_id, autopilot, "autopilot found");
+                }
+            }
             while let Some(message) = onboard.poll(self.now_us) {
                 self.say(&message)?;
             }

@@ -1,6 +1,6 @@
-//! The lookout behind its detector: tracks, threat and MAVLink component on one clock, that of the frames.
+//! The lookout behind its detector: tracks, threat and MAVLink component on one clock, that of the frames (level 9).
 //!
-//! Without I/O: a recorded flight and a live one run the same code.
+//! Without I/O: a recorded flight, a live one and a board without an operating system run the same code.
 
 use crate::angle::Real;
 use crate::attitudes::Attitudes;
@@ -18,6 +18,9 @@ use mavlink::MAVLinkMessageRaw;
 /// Bits after the point of a quaternion's numbers.
 const QUATERNION_BITS: u32 = 30;
 
+/// Events that wait to be taken.
+const EVENTS: usize = 8;
+
 /// Watches one camera's detections and speaks MAVLink about them.
 #[derive(Debug)]
 pub struct Onboard {
@@ -26,6 +29,7 @@ pub struct Onboard {
     attitudes: Attitudes,
     component: Component,
     health: Health,
+    events: heapless::Deque<Event, EVENTS>,
 }
 
 impl Onboard {
@@ -38,6 +42,7 @@ impl Onboard {
             attitudes: Attitudes::new(),
             component: Component::new(config, parameters, now_us),
             health: Health::default(),
+            events: heapless::Deque::new(),
         }
     }
 
@@ -57,7 +62,7 @@ impl Onboard {
 
     /// Looks through another camera from now on; every track ends.
     pub fn set_camera(&mut self, camera: Camera) {
-        self.watch = Watch::new(settings(self.component.parameters()), camera);
+        self.watch = Watch::new(settings(self.tracks, self.component.parameters()), camera);
     }
 
     /// Takes how many frames were left out since the start, and why nothing can be seen, if so; told with the next frame.
@@ -99,6 +104,11 @@ impl Onboard {
         self.watch.camera()
     }
 
+    /// The next thing that happened, oldest first; attitudes are not told, and of too many events the oldest are lost.
+    pub fn event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
     /// The component, to look at.
     pub fn component(&self) -> &Component {
         &self.component
@@ -113,15 +123,19 @@ impl Onboard {
                     if let Some(attitude) = Attitude::new(quaternion.map(real)) {
                         self.attitudes.push(time_us, attitude);
                     }
+                    continue;
                 }
                 Event::Restarted | Event::Lost => self.attitudes.clear(),
                 Event::Parameter(_) => {
                     self.watch.set(settings(self.tracks, self.component.parameters()));
                 }
-                Event::Found { system_id, autopilot } => {
-                    tracing::info!(system_id, autopilot, "autopilot found");
-                }
+                Event::Found { .. } => {}
             }
+            if self.events.is_full() {
+                self.events.pop_front();
+            }
+            // There is room now.
+            let _ = self.events.push_back(event);
         }
     }
 }
@@ -142,6 +156,8 @@ fn settings(tracks: track::Settings, parameters: &Parameters) -> Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::message::{self, Payload};
+    use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavAutopilot};
 
     #[test]
     fn the_parameters_defaults_are_those_of_the_tracker() {
@@ -156,5 +172,21 @@ mod tests {
         assert!(parameters.set(Parameter::Threshold, 1.0));
         let moved = settings(tracks, &parameters).track;
         assert_eq!((moved.start_score, moved.keep_score), ((1 << 16) - 9, (1 << 16) - 20));
+    }
+
+    #[test]
+    fn an_autopilot_is_told_of_once() {
+        let camera = Camera::from_field_of_view(64, 48, Real::ONE).unwrap();
+        let mut onboard = Onboard::new(camera, Config::default(), Parameters::default(), 0);
+        let heartbeat = HEARTBEAT_DATA {
+            autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
+            ..message::status::heartbeat(onboard.component().state())
+        };
+        let frame = MAVLinkMessageRaw::V2(Payload::new(&heartbeat).frame(7, 1, 0, false));
+        for now_us in [0, 1_000_000] {
+            onboard.hear(0, &frame, Trust::Open, now_us);
+        }
+        assert_eq!(onboard.event(), Some(Event::Found { system_id: 7, autopilot: 12 }));
+        assert_eq!(onboard.event(), None);
     }
 }
