@@ -188,13 +188,14 @@ mod tests {
 
     #[test]
     fn nights_and_plain_skies_are_not_blurred() {
-        let stars = |x: usize, y: usize| if (x * 31 + y * 17) % 997 == 0 { 200 } else { 24 };
+        let stars =
+            |x: usize, y: usize| if (x * 31 + y * 17).is_multiple_of(997) { 200 } else { 24 };
         let sky = |_: usize, y: usize| 120 + y as u8 / 2;
         for seen in [judge(&mut Sight::default(), 0, stars), judge(&mut Sight::default(), 0, sky)] {
             assert!(seen.iter().all(|&bits| bits == 0), "{seen:?}");
         }
         // Steps that are sharp, and the same steps over thirty pixels.
-        let sharp = |x: usize, _: usize| if x / 40 % 2 == 0 { 60 } else { 180 };
+        let sharp = |x: usize, _: usize| if (x / 40).is_multiple_of(2) { 60 } else { 180 };
         let soft = |x: usize, _: usize| 60 + 3 * (x % 80).min(80 - x % 80) as u8;
         assert!(judge(&mut Sight::default(), 0, sharp).iter().all(|&bits| bits == 0));
         assert_eq!(judge(&mut Sight::default(), 0, soft).last(), Some(&4));
