@@ -215,9 +215,9 @@ def check_services():
     ack = station.until(lambda m: m.get_type() == "COMMAND_ACK" and m.command == mavlink.MAV_CMD_NAV_TAKEOFF, 3)
     assert ack.result == mavlink.MAV_RESULT_UNSUPPORTED and ack.target_system == STATION, ack
     asked = time.time_ns()
-    mav.timesync_send(0, asked, US, COMPONENT)
+    mav.timesync_send(0, asked)
     answer = station.until(lambda m: m.get_type() == "TIMESYNC" and m.ts1 == asked, 3)
-    assert answer and answer.tc1 > 0 and answer.target_system == STATION, answer
+    assert answer and answer.tc1 > 0, answer
     mav.command_long_send(US, COMPONENT, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 251, 200_000, 0, 0, 0, 0, 0)
     ack = station.until(lambda m: m.get_type() == "COMMAND_ACK" and m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 3)
     assert ack.result == mavlink.MAV_RESULT_ACCEPTED, ack
