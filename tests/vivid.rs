@@ -1,14 +1,23 @@
 //! The camera against the kernel's own test driver: `tests/vm/run` boots a machine that has it.
-#![cfg(target_os = "linux")]
+#![cfg(all(feature = "std", target_os = "linux"))]
 
+#[allow(dead_code, reason = "frames alone are drawn")]
+#[path = "common/golden.rs"]
+mod golden;
+#[allow(dead_code, reason = "every test binary uses a part of it")]
+#[path = "common/live.rs"]
+mod live;
+
+use live::{ACTIVE, CRITICAL, Ground};
 use lookout::shell::clock::now_us;
 use lookout::shell::source::Frame;
 use lookout::shell::v4l2::{Camera, CameraError, PixelFormat, Settings, Taken};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use std::{fs, thread};
+use std::{fs, io, thread};
 
 /// Long enough for a frame on an emulated processor.
 const PATIENT: Duration = Duration::from_secs(5);
@@ -285,10 +294,13 @@ fn a_camera_that_breaks_down_is_gone_and_works_when_opened_again() {
     }
 }
 
+fn bind(what: &str) -> io::Result<()> {
+    fs::write(Path::new(DRIVER).join(what), DEVICE)
+}
+
 #[test]
 fn a_camera_that_is_unplugged_comes_back() {
     let Some(vivid) = Vivid::find() else { return };
-    let bind = |what: &str| fs::write(Path::new(DRIVER).join(what), DEVICE);
     let mut camera = vivid.open(PixelFormat::Grey);
     next(&mut camera, &mut Frame::default());
     // No frames, so that it is unplugged while one is waited for.
@@ -315,4 +327,44 @@ fn a_camera_that_is_unplugged_comes_back() {
     bind("bind").unwrap();
     let mut camera = vivid.reopen();
     next(&mut camera, &mut Frame::default());
+}
+
+#[test]
+fn the_program_watches_and_gets_over_an_unplugged_camera() {
+    let Some(vivid) = Vivid::find() else { return };
+    let mut ground = Ground::default();
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("lookout.toml");
+    // A moving picture: one that stands still is a frozen camera.
+    let text = format!(
+        "source = 'v4l2:{}'\nlinks = ['{}']\nthreads = 1\n[camera]\nwidth = 320\nheight = 180\nrate = 5\n\
+         format = 'YUYV'\n[camera.controls]\ntimestamp_source = 1\nhorizontal_movement = 5\ntest_pattern = 0\n\
+         percentage_of_dropped_buffers = 0\n",
+        vivid.path.display(),
+        ground.link(),
+    );
+    fs::write(&config, text).unwrap();
+    let mut program = Command::new(env!("CARGO_BIN_EXE_lookout"));
+    let program = program.arg("run").arg("--config").arg(&config).stdout(Stdio::piped());
+    let program = program.spawn().unwrap();
+    ground.wait_state(ACTIVE, 0);
+    if let Err(error) = bind("unbind") {
+        eprintln!("the camera cannot be unplugged here: {error}");
+    } else {
+        ground.wait_state(CRITICAL, 0);
+        bind("bind").unwrap();
+        ground.wait_state(ACTIVE, 0);
+    }
+    // Some seconds of pictures that can be looked at.
+    for _ in 0..3 {
+        ground.wait_state(ACTIVE, 0);
+    }
+    let id = program.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+    let output = program.wait_with_output().unwrap();
+    let told = String::from_utf8(output.stdout).unwrap();
+    eprintln!("{told}");
+    assert_eq!(output.status.code(), Some(0));
+    let frames: u32 = told.split_once(" frames looked at").unwrap().0.parse().unwrap();
+    assert!(frames >= 5, "{told}");
 }
