@@ -75,6 +75,7 @@
 //! | 1 | [`detection`] | what was found in a frame |
 //! | 1 | [`calibration`] | what share of detections of a score is right |
 //! | 1 | [`persistence`] | what was there a frame ago makes a detection surer |
+//! | 1 | [`kalman`] | a value and its rate: how wrong they are, and what a measurement changes |
 //! | 1 | [`trees`] | boosted trees and their cascade; they know no image |
 //! | 1 | [`planar`] | a motion of the whole picture, fitted to the motion of points |
 //! | 1 | [`flow`] | corners, and where they were in another picture |
@@ -111,6 +112,7 @@ pub mod gradient;
 pub mod history;
 pub mod image;
 pub mod judge;
+pub mod kalman;
 pub mod levels;
 pub mod linear;
 pub mod map;

@@ -9,7 +9,8 @@ use crate::component::parameters::{Parameter, Parameters};
 use crate::component::{Component, Config, Event, Outgoing, Trust};
 use crate::detector::Detections;
 use crate::geometry::Attitude;
-use crate::message::Health;
+use crate::message::{Blind, Health};
+use crate::track;
 use crate::traffic::{MAX_TRAFFIC, Traffic};
 use crate::watch::{Settings, Watch};
 use mavlink::MAVLinkMessageRaw;
@@ -23,6 +24,7 @@ const EVENTS: usize = 8;
 /// Watches one camera's detections and speaks MAVLink about them.
 #[derive(Debug)]
 pub struct Onboard {
+    tracks: track::Settings,
     watch: Watch,
     attitudes: Attitudes,
     component: Component,
@@ -33,8 +35,10 @@ pub struct Onboard {
 impl Onboard {
     /// Has heard and seen nothing yet.
     pub fn new(camera: Camera, config: Config, parameters: Parameters, now_us: i64) -> Self {
+        let tracks = track::Settings::default();
         Self {
-            watch: Watch::new(settings(&parameters), camera),
+            tracks,
+            watch: Watch::new(settings(tracks, &parameters), camera),
             attitudes: Attitudes::new(),
             component: Component::new(config, parameters, now_us),
             health: Health::default(),
@@ -42,10 +46,28 @@ impl Onboard {
         }
     }
 
+    /// Makes tracks by other settings, such as those for the scores of the model in use
+    /// ([`track::Settings::calibrated`]).
+    pub fn set_tracks(&mut self, tracks: track::Settings) {
+        self.tracks = tracks;
+        self.watch.set(settings(tracks, self.component.parameters()));
+    }
+
     /// Hears a frame that came over `link` at `now_us`.
     pub fn hear(&mut self, link: u8, frame: &MAVLinkMessageRaw, trust: Trust, now_us: i64) {
         self.component.receive(link, frame, trust, now_us);
         self.heed();
+    }
+
+    /// Looks through another camera from now on; every track ends.
+    pub fn set_camera(&mut self, camera: Camera) {
+        self.watch = Watch::new(settings(self.tracks, self.component.parameters()), camera);
+    }
+
+    /// Takes how many frames were left out since the start, and why nothing can be seen, if so; told with the next frame.
+    pub fn report(&mut self, dropped: u32, blind: Blind) {
+        self.health.dropped = dropped;
+        self.health.blind = blind;
     }
 
     /// Takes what the detector found in the frame taken at `time_us` and finished at `now_us`; gives the objects that are
@@ -71,6 +93,16 @@ impl Onboard {
         message
     }
 
+    /// The attitude of the vehicle at `time_us`, where it is known.
+    pub fn attitude(&self, time_us: i64) -> Option<Attitude> {
+        self.attitudes.at(time_us)
+    }
+
+    /// The camera.
+    pub fn camera(&self) -> &Camera {
+        self.watch.camera()
+    }
+
     /// The next thing that happened, oldest first; attitudes are not told, and of too many events the oldest are lost.
     pub fn event(&mut self) -> Option<Event> {
         self.events.pop_front()
@@ -93,7 +125,9 @@ impl Onboard {
                     continue;
                 }
                 Event::Restarted | Event::Lost => self.attitudes.clear(),
-                Event::Parameter(_) => self.watch.set(settings(self.component.parameters())),
+                Event::Parameter(_) => {
+                    self.watch.set(settings(self.tracks, self.component.parameters()));
+                }
                 Event::Found { .. } => {}
             }
             if self.events.is_full() {
@@ -106,10 +140,12 @@ impl Onboard {
 }
 
 /// How tracks are made and judged under these parameters.
-fn settings(parameters: &Parameters) -> Settings {
+fn settings(tracks: track::Settings, parameters: &Parameters) -> Settings {
     let real = |parameter| Real::from(parameters.get(parameter));
-    let mut settings = Settings::default();
-    settings.track.start_score = parameters.get(Parameter::Threshold).to_bits();
+    let mut settings = Settings { track: tracks, ..Settings::default() };
+    let surer = parameters.get(Parameter::Threshold).to_bits();
+    settings.track.start_score = tracks.start_score.saturating_add(surer);
+    settings.track.keep_score = tracks.keep_score.saturating_add(surer);
     settings.threat.wingspan = real(Parameter::Wingspan);
     settings.threat.caution_time = real(Parameter::CautionTime);
     settings.threat.warning_time = real(Parameter::WarningTime);
@@ -124,7 +160,17 @@ mod tests {
 
     #[test]
     fn the_parameters_defaults_are_those_of_the_tracker() {
-        assert_eq!(settings(&Parameters::default()), Settings::default());
+        let tracks = track::Settings::default();
+        assert_eq!(settings(tracks, &Parameters::default()), Settings::default());
+    }
+
+    #[test]
+    fn the_threshold_moves_the_scores_of_the_model() {
+        let tracks = track::Settings { start_score: -9, keep_score: -20, ..Default::default() };
+        let mut parameters = Parameters::default();
+        assert!(parameters.set(Parameter::Threshold, 1.0));
+        let moved = settings(tracks, &parameters).track;
+        assert_eq!((moved.start_score, moved.keep_score), ((1 << 16) - 9, (1 << 16) - 20));
     }
 
     #[test]

@@ -42,7 +42,7 @@ impl Blind {
     pub const GLARE: Self = Self(2);
     /// Out of focus, or smeared by motion.
     pub const BLUR: Self = Self(4);
-    /// The lens is covered, or the picture frozen.
+    /// The picture does not change: frozen, or the lens covered.
     pub const COVERED: Self = Self(8);
 
     /// Both reasons.

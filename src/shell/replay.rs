@@ -17,8 +17,8 @@ use crate::detector::{Detection, Detections};
 use crate::digest::Digest;
 use crate::model::Model;
 use crate::onboard::Onboard;
+use crate::track;
 use crate::traffic::Level;
-use crate::watch::Settings;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -78,7 +78,8 @@ pub fn run(args: &ReplayArgs) -> Result<Ended, Error> {
     args.detector.min_precision = None;
     let threshold = asked.unwrap_or_else(|| default_threshold(&model));
     // A track goes on with weaker detections than are reported.
-    args.detector.threshold = Some(threshold.min(Settings::default().track.keep_score));
+    args.detector.threshold =
+        Some(threshold.min(track::Settings::calibrated(model.calibration()).keep_score));
     interrupt::watch()?;
     pipeline::on_threads(args.threads, || replay(&args, threshold, &model))?
 }
@@ -94,7 +95,7 @@ fn replay(args: &ReplayArgs, threshold: i32, model: &Model<'_>) -> Result<Ended,
     let input = args.input.as_deref();
     let own = args.flight.camera(input)?;
     let mut source = args.flight.open(input)?;
-    let mut outputs = Outputs::create(args, threshold, own)?;
+    let mut outputs = Outputs::create(args, threshold, own, model)?;
     let bar = progress(source.frame_count());
     let mut each = |number, frame: &Frame, detections: &Detections| {
         bar.inc(1);
@@ -129,6 +130,7 @@ struct Outputs {
     threshold: i32,
     camera: (CameraArgs, Option<CameraFile>),
     telemetry: Telemetry,
+    tracks: track::Settings,
     onboard: Option<Onboard>,
     levels: BTreeMap<u16, Level>,
     mot: Option<TextFile>,
@@ -145,13 +147,19 @@ struct Outputs {
 }
 
 impl Outputs {
-    fn create(args: &ReplayArgs, threshold: i32, own: Option<CameraFile>) -> Result<Self, Error> {
+    fn create(
+        args: &ReplayArgs,
+        threshold: i32,
+        own: Option<CameraFile>,
+        model: &Model<'_>,
+    ) -> Result<Self, Error> {
         let simulated = args.flight.telemetry(args.input.as_deref());
         let create = |path: &Option<PathBuf>| path.as_deref().map(TextFile::create).transpose();
         let outputs = Self {
             threshold,
             camera: (args.camera.clone(), own),
             telemetry: Telemetry::open(&args.telemetry, simulated)?,
+            tracks: track::Settings::calibrated(model.calibration()),
             onboard: None,
             levels: BTreeMap::new(),
             mot: create(&args.detections)?,
@@ -180,7 +188,10 @@ impl Outputs {
             none => {
                 let (args, own) = &self.camera;
                 let camera = args.camera(frame.width, frame.height, own.as_ref())?;
-                none.insert(Onboard::new(camera, Default::default(), Parameters::default(), 0))
+                let onboard = Onboard::new(camera, Default::default(), Parameters::default(), 0);
+                let onboard = none.insert(onboard);
+                onboard.set_tracks(self.tracks);
+                onboard
             }
         };
         let now_us = frame.time_us.saturating_add(LATENCY_US);

@@ -63,8 +63,11 @@ fn parse_start(text: &str) -> Result<f64, &'static str> {
     seconds.ok_or("expected a number of seconds")
 }
 
-/// Signatures with the key in `path`.
-fn signing_with(path: &Path) -> Result<Signing, Error> {
+/// Signatures with the key in `path`; the signing time is kept in `path`.time.
+///
+/// # Errors
+/// [`Error::Read`].
+pub fn signing_with(path: &Path) -> Result<Signing, Error> {
     let key = signing::read_key(path).map_err(Error::read(path))?;
     let mut time = path.to_path_buf().into_os_string();
     time.push(".time");

@@ -12,6 +12,7 @@ use lookout::detector::{self, Buffers, Config, Detections, Detector, Stage};
 use lookout::image::Image;
 use lookout::model::{Method, Model, ModelError};
 use lookout::onboard::Onboard;
+use lookout::track;
 use mavlink::MavlinkReader;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -84,12 +85,14 @@ impl Firmware {
         let Memory { bytes, words } = MEMORY.take();
         let buffers = Buffers { bytes, words };
         let detector = Detector::new(&model, CONFIG, buffers).map_err(Error::Memory)?;
-        Ok(FIRMWARE.init_with(|| Self {
+        let firmware = FIRMWARE.init_with(|| Self {
             detector,
             onboard: Onboard::new(camera, Default::default(), Parameters::default(), now_us),
             reader: MavlinkReader::new(Feed::new()),
             sequences: [0; 256],
-        }))
+        });
+        firmware.onboard.set_tracks(track::Settings::calibrated(model.calibration()));
+        Ok(firmware)
     }
 
     /// Hears bytes that came over the line until `now_us`.
