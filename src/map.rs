@@ -280,7 +280,6 @@ fn map_cell(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::channels::Cell;
     use crate::channels::tests::{Level, level};
     use proptest::prelude::*;
     use std::vec;

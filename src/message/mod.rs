@@ -60,6 +60,17 @@ impl Blind {
         self.0 != 0
     }
 
+    /// The reasons in words.
+    pub fn reasons(self) -> impl Iterator<Item = &'static str> {
+        let words = [
+            (Self::DARK, "too dark"),
+            (Self::GLARE, "glare"),
+            (Self::BLUR, "blurred"),
+            (Self::COVERED, "covered or frozen"),
+        ];
+        words.into_iter().filter(move |(reason, _)| self.has(*reason)).map(|(_, word)| word)
+    }
+
     /// The bits: 1 dark, 2 glare, 4 blur, 8 covered.
     pub const fn bits(self) -> u8 {
         self.0

@@ -14,8 +14,13 @@ pub fn now_us() -> i64 {
     }
 }
 
-/// Microseconds since 1970 less [`now_us`].
-pub fn unix_offset_us() -> i64 {
+/// Microseconds since 1970, as the system's clock has it; 0 before.
+pub fn unix_us() -> i64 {
     let unix = std::time::SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default();
-    i64::try_from(unix.as_micros()).unwrap_or(0) - now_us()
+    i64::try_from(unix.as_micros()).unwrap_or(0)
+}
+
+/// [`unix_us`] less [`now_us`].
+pub fn unix_offset_us() -> i64 {
+    unix_us() - now_us()
 }

@@ -78,10 +78,10 @@ pub fn run(args: &ReplayArgs) -> Result<Ended, Error> {
     args.detector.min_precision = None;
     let threshold = asked.unwrap_or_else(|| default_threshold(&model));
     // A track goes on with weaker detections than are reported.
-    args.detector.threshold =
-        Some(threshold.min(track::Settings::calibrated(model.calibration()).keep_score));
+    let tracks = track::Settings::calibrated(model.calibration());
+    args.detector.threshold = Some(threshold.min(tracks.keep_score));
     interrupt::watch()?;
-    pipeline::on_threads(args.threads, || replay(&args, threshold, &model))?
+    pipeline::on_threads(args.threads, || replay(&args, threshold, tracks, &model))?
 }
 
 /// A person looks at what replay reports: few of them are to be false.
@@ -91,11 +91,16 @@ fn default_threshold(model: &Model<'_>) -> i32 {
     table.threshold(PRECISION).or_else(surest).unwrap_or(THRESHOLD)
 }
 
-fn replay(args: &ReplayArgs, threshold: i32, model: &Model<'_>) -> Result<Ended, Error> {
+fn replay(
+    args: &ReplayArgs,
+    threshold: i32,
+    tracks: track::Settings,
+    model: &Model<'_>,
+) -> Result<Ended, Error> {
     let input = args.input.as_deref();
     let own = args.flight.camera(input)?;
     let mut source = args.flight.open(input)?;
-    let mut outputs = Outputs::create(args, threshold, own, model)?;
+    let mut outputs = Outputs::create(args, threshold, own, tracks)?;
     let bar = progress(source.frame_count());
     let mut each = |number, frame: &Frame, detections: &Detections| {
         bar.inc(1);
@@ -151,7 +156,7 @@ impl Outputs {
         args: &ReplayArgs,
         threshold: i32,
         own: Option<CameraFile>,
-        model: &Model<'_>,
+        tracks: track::Settings,
     ) -> Result<Self, Error> {
         let simulated = args.flight.telemetry(args.input.as_deref());
         let create = |path: &Option<PathBuf>| path.as_deref().map(TextFile::create).transpose();
@@ -159,7 +164,7 @@ impl Outputs {
             threshold,
             camera: (args.camera.clone(), own),
             telemetry: Telemetry::open(&args.telemetry, simulated)?,
-            tracks: track::Settings::calibrated(model.calibration()),
+            tracks,
             onboard: None,
             levels: BTreeMap::new(),
             mot: create(&args.detections)?,

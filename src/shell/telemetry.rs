@@ -3,6 +3,7 @@
 //! Everything runs on the clock of the frames: 0 is the first frame. A frame counts as finished a fixed time after it was
 //! taken, so that the same flight gives the same messages however fast the machine is.
 
+use super::clock;
 use super::error::Error;
 use super::link::signing::{self, Signing};
 use super::link::{LinkSpec, Links};
@@ -18,7 +19,7 @@ use std::io::{BufWriter, Write};
 use std::iter::{self, Peekable};
 use std::path::{Path, PathBuf};
 use std::string::String;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 use std::vec::Vec;
 
 /// Time from a frame to its detections that a replay assumes, microseconds.
@@ -75,6 +76,15 @@ pub fn signing_with(path: &Path) -> Result<Signing, Error> {
     Signing::new(key, Some(time), signing::clock()).map_err(Error::read(time))
 }
 
+/// Puts what happened to the component since the last call into the log.
+pub fn log_events(onboard: &mut Onboard) {
+    while let Some(event) = onboard.event() {
+        if let Event::Found { system_id, autopilot } = event {
+            tracing::info!(system_id, autopilot, "autopilot found");
+        }
+    }
+}
+
 type Feed = Box<dyn Iterator<Item = Result<(i64, MAVLinkMessageRaw), TlogError>>>;
 
 /// The telemetry of one replay.
@@ -114,10 +124,7 @@ impl Telemetry {
                 let frames = simulated.map(|(time, raw)| Ok((time, MAVLinkMessageRaw::V2(raw))));
                 (simulate::START_US, Box::new(frames))
             }
-            (None, None) => {
-                let now = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default();
-                (i64::try_from(now.as_micros()).unwrap_or(0), Box::new(iter::empty()))
-            }
+            (None, None) => (clock::unix_us(), Box::new(iter::empty())),
         };
         let create = |path: &PathBuf| {
             let file = File::create(path).map_err(Error::write(path))?;
@@ -144,11 +151,7 @@ impl Telemetry {
             self.now_us = (self.now_us + TICK_US).min(to_us);
             self.hear(onboard)?;
             self.wait(onboard);
-            while let Some(event) = onboard.event() {
-                if let Event::Found { system_id, autopilot } = event {
-                    tracing::info!(system_id, autopilot, "autopilot found");
-                }
-            }
+            log_events(onboard);
             while let Some(message) = onboard.poll(self.now_us) {
                 self.say(&message)?;
             }

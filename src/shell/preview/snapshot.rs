@@ -127,7 +127,7 @@ pub struct Health {
 impl Health {
     /// Why nothing can be seen, in words.
     pub fn reasons(&self) -> impl Iterator<Item = &'static str> {
-        words(self.blind)
+        self.blind.reasons()
     }
 }
 
@@ -190,17 +190,7 @@ fn level<S: Serializer>(level: &Level, serializer: S) -> Result<S::Ok, S::Error>
 }
 
 fn reasons<S: Serializer>(blind: &Blind, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_seq(words(*blind))
-}
-
-fn words(blind: Blind) -> impl Iterator<Item = &'static str> {
-    let words = [
-        (Blind::DARK, "too dark"),
-        (Blind::GLARE, "glare"),
-        (Blind::BLUR, "blurred"),
-        (Blind::COVERED, "covered or frozen"),
-    ];
-    words.into_iter().filter(move |(reason, _)| blind.has(*reason)).map(|(_, word)| word)
+    serializer.collect_seq(blind.reasons())
 }
 
 #[cfg(test)]

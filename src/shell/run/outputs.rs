@@ -39,6 +39,7 @@ pub struct Outputs {
     events: Option<Events>,
     recorder: Option<Recorder>,
     preview: Option<Preview>,
+    /// What the page shows, less the picture.
     shown: Snapshot,
 }
 
@@ -120,7 +121,7 @@ impl Outputs {
         }
         let Some(preview) = &self.preview else { return };
         let frame = &seen.frame;
-        self.shown.picture = preview.wants_picture().then(|| snapshot::Picture {
+        let picture = preview.wants_picture().then(|| snapshot::Picture {
             pixels: frame.pixels.clone(),
             width: frame.width,
             height: frame.height,
@@ -128,7 +129,7 @@ impl Outputs {
         self.shown.time_us = frame.time_us;
         self.shown.level = tracks.iter().map(|track| track.level).max().unwrap_or_default();
         self.shown.tracks = tracks.iter().map(Into::into).collect();
-        preview.publish(self.shown.clone());
+        preview.publish(Snapshot { picture, ..self.shown.clone() });
     }
 
     /// Time goes on, and with it what waits.
@@ -143,7 +144,6 @@ impl Outputs {
         let Some(preview) = &self.preview else { return };
         let shown = &mut self.shown;
         let Condition { state, blind, camera, frames, latency } = condition;
-        shown.picture = None;
         if state == State::Stalled {
             shown.tracks.clear();
             shown.level = crate::traffic::Level::None;

@@ -23,7 +23,7 @@ use crate::shell::histogram::Histogram;
 use crate::shell::interrupt::Control;
 use crate::shell::link::{Inbound, LinkSpec, Links, params};
 use crate::shell::pipeline::{self, DetectorArgs, ModelFile};
-use crate::shell::telemetry::signing_with;
+use crate::shell::telemetry::{self, signing_with};
 use crate::watch::Settings;
 use crossbeam_channel::{Receiver, bounded, select};
 use std::fmt;
@@ -218,6 +218,7 @@ impl<'a> Service<'a> {
     fn hear(&mut self, heard: &Inbound) {
         self.outputs.heard(heard);
         self.onboard.hear(heard.link, &heard.frame, heard.trust, heard.time_us);
+        telemetry::log_events(&mut self.onboard);
         let parameters = *self.onboard.component().parameters();
         if parameters != self.kept {
             self.kept = parameters;
@@ -383,15 +384,9 @@ fn state_in_words(state: State) -> String {
         State::Starting => "starting, no frame yet".into(),
         State::Watching => "watching for traffic".into(),
         State::Stalled => "no frames, traffic is not watched".into(),
-        State::Blind(reasons) => {
-            let words = [
-                (Blind::DARK, "too dark"),
-                (Blind::GLARE, "glare"),
-                (Blind::BLUR, "blurred"),
-                (Blind::COVERED, "frozen or covered"),
-            ];
-            let words = words.iter().filter(|(reason, _)| reasons.has(*reason)).map(|(_, w)| *w);
-            format!("blind: {}; traffic is not watched", words.collect::<Vec<_>>().join(", "))
+        State::Blind(blind) => {
+            let reasons: Vec<_> = blind.reasons().collect();
+            format!("blind: {}; traffic is not watched", reasons.join(", "))
         }
     }
 }
