@@ -72,7 +72,7 @@ impl Default for Settings {
     /// Values measured on `airborne/train`; scores for a model that does not say what they are worth.
     fn default() -> Self {
         Self {
-            confirm_hits: 8,
+            confirm_hits: 10,
             confirm_window: 15,
             coast_us: 700_000,
             start_score: -45_000,
