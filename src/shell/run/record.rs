@@ -189,7 +189,9 @@ struct Files {
 /// The segment that is written.
 struct Segment {
     folder: PathBuf,
+    /// Of its first picture, and of the first one that was not taken over.
     first_us: i64,
+    begun_us: i64,
     size: (usize, usize),
     frames: u64,
     /// Frames to come of which nothing is told.
@@ -223,7 +225,7 @@ impl Files {
                 let goes_on = self.segment.as_ref().is_some_and(|segment| {
                     recorded.whole
                         && segment.size == (frame.width, frame.height)
-                        && frame.time_us - segment.first_us < SEGMENT_US
+                        && frame.time_us - segment.begun_us < SEGMENT_US
                 });
                 if !goes_on {
                     // Where it cannot be begun, the next frame tries again.
@@ -276,6 +278,7 @@ impl Files {
         }
         let mut segment = Segment {
             first_us,
+            begun_us: frame.time_us,
             size,
             frames: 0,
             lead: if before.is_some() { 0 } else { lead },
