@@ -171,6 +171,8 @@ fn it_ends_by_sigterm_with_everything_whole() {
     while start.elapsed() < Duration::from_secs(2) {
         ground.hear();
     }
+    // As `timeout` does it: to the program, and to its group.
+    service.signal("TERM");
     service.signal("TERM");
     let (status, out, err, folder) = service.ended();
     assert_eq!(status, Some(0), "{err}");
