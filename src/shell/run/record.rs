@@ -3,7 +3,8 @@
 //! A segment is a folder: `frames/` with the pictures and their times, `telemetry.tlog` with all that was heard and said,
 //! `detections.jsonl` with what was found and followed, `parameters.txt`, `camera.json` where the source knows its camera,
 //! and `replay.txt` with the command that finds the same. The detector remembers the frames before: a later segment begins
-//! with the last ones of the segment before it, of which nothing is told. Tracks are made anew in each segment.
+//! with the last ones of the segment before it, of which nothing is told. Detections come out the same bit for bit; tracks
+//! too, but made anew in each segment, and with a vehicle's telemetry only nearly: a replay hears that by its own times.
 
 use super::config::Config;
 use super::ring::Ring;
