@@ -33,9 +33,15 @@ pub struct Onboard {
 }
 
 impl Onboard {
-    /// Has heard and seen nothing yet.
-    pub fn new(camera: Camera, config: Config, parameters: Parameters, now_us: i64) -> Self {
-        let tracks = track::Settings::default();
+    /// Has heard and seen nothing yet. `tracks` are the settings for the scores of the model in use
+    /// ([`track::Settings::calibrated`]); `parameters` make them stricter or laxer.
+    pub fn new(
+        camera: Camera,
+        tracks: track::Settings,
+        config: Config,
+        parameters: Parameters,
+        now_us: i64,
+    ) -> Self {
         Self {
             tracks,
             watch: Watch::new(settings(tracks, &parameters), camera),
@@ -44,13 +50,6 @@ impl Onboard {
             health: Health::default(),
             events: heapless::Deque::new(),
         }
-    }
-
-    /// Makes tracks by other settings, such as those for the scores of the model in use
-    /// ([`track::Settings::calibrated`]).
-    pub fn set_tracks(&mut self, tracks: track::Settings) {
-        self.tracks = tracks;
-        self.watch.set(settings(tracks, self.component.parameters()));
     }
 
     /// Hears a frame that came over `link` at `now_us`.
@@ -145,6 +144,7 @@ fn settings(tracks: track::Settings, parameters: &Parameters) -> Settings {
     let mut settings = Settings { track: tracks, ..Settings::default() };
     let surer = parameters.get(Parameter::Threshold).to_bits();
     settings.track.start_score = tracks.start_score.saturating_add(surer);
+    settings.track.confirm_score = tracks.confirm_score.saturating_add(surer);
     settings.track.keep_score = tracks.keep_score.saturating_add(surer);
     settings.threat.wingspan = real(Parameter::Wingspan);
     settings.threat.caution_time = real(Parameter::CautionTime);
@@ -166,17 +166,21 @@ mod tests {
 
     #[test]
     fn the_threshold_moves_the_scores_of_the_model() {
-        let tracks = track::Settings { start_score: -9, keep_score: -20, ..Default::default() };
+        let (start_score, confirm_score, keep_score) = (-9, -7, -20);
+        let default = track::Settings::default();
+        let tracks = track::Settings { start_score, confirm_score, keep_score, ..default };
         let mut parameters = Parameters::default();
         assert!(parameters.set(Parameter::Threshold, 1.0));
         let moved = settings(tracks, &parameters).track;
-        assert_eq!((moved.start_score, moved.keep_score), ((1 << 16) - 9, (1 << 16) - 20));
+        let scores = [moved.start_score, moved.confirm_score, moved.keep_score];
+        assert_eq!(scores, [start_score, confirm_score, keep_score].map(|v| v + (1 << 16)));
     }
 
     #[test]
     fn an_autopilot_is_told_of_once() {
         let camera = Camera::from_field_of_view(64, 48, Real::ONE).unwrap();
-        let mut onboard = Onboard::new(camera, Config::default(), Parameters::default(), 0);
+        let (tracks, parameters) = (track::Settings::default(), Parameters::default());
+        let mut onboard = Onboard::new(camera, tracks, Config::default(), parameters, 0);
         let heartbeat = HEARTBEAT_DATA {
             autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
             ..message::status::heartbeat(onboard.component().state())

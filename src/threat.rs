@@ -28,22 +28,23 @@ pub struct Settings {
     /// Error of it: standard deviation of its logarithm, 0 to 2. Default 0.7: half to twice the span, seen from any side.
     pub wingspan_sigma: Real,
     /// Time to contact below which an object on a collision course is a warning, in seconds, 0 to 60. Default 8: time
-    /// for a manoeuvre of 2 to 3 s, twice: of `airborne/train`'s times that are known half are wrong by half or more.
+    /// for a manoeuvre of 2 to 3 s, twice: of `airborne/train`'s times that are known half are wrong by two fifths or more.
     pub warning_time: Real,
     /// The same for caution, in seconds, `warning_time` to 60. Default 16.
     pub caution_time: Real,
     /// Distance at the closest approach below which an object is on a collision course, in metres for an object of the
-    /// assumed wingspan, 0 to 1000. Default 4, four wingspans; `airborne/train` warns alike from 4 to 12.
+    /// assumed wingspan, 0 to 1000. Default 2, two wingspans; `airborne/train` warns alike from 2 to 12.
+    /// What passes by farther off is a caution.
     pub warning_distance: Real,
     /// The same for caution, in metres. Default 8.
     pub caution_distance: Real,
     /// How many times its error the growth must be for a time to contact to be known, 1 to 10. Default 1.5.
     pub known: Real,
-    /// The same for a warning. Default 2: at 1.75 one of 30 flights without a collision is warned of, at 2.25 two
-    /// of 10 collisions are warned of too late (`airborne/train`).
+    /// The same for a warning. Default 2: at 1.75 one of 50 flights without a collision is warned of, at 2.25
+    /// three of 14 collisions are warned of too late (`airborne/train`).
     pub sure: Real,
     /// How long a level's conditions must hold before it is raised, in microseconds, 0 to 10 s. Default 0.5 s: at
-    /// 0.3 s one of 30 flights without a collision is warned of (`airborne/train`).
+    /// 0.3 s one of 50 flights without a collision is warned of (`airborne/train`).
     pub persistence_us: i64,
     /// How long they must not hold before it is lowered, in microseconds, 0 to 60 s. Default 2 s, as ArduPilot's
     /// avoidance (AP_Avoidance, `AVD_*`).
@@ -59,7 +60,7 @@ impl Default for Settings {
                 wingspan_sigma: ratio(7, 10),
                 warning_time: Real::lit("8"),
                 caution_time: Real::lit("16"),
-                warning_distance: Real::lit("4"),
+                warning_distance: Real::lit("2"),
                 caution_distance: Real::lit("8"),
                 known: Real::lit("1.5"),
                 sure: Real::lit("2"),

@@ -80,8 +80,7 @@ fn a_collision_from_pixels_to_datagrams() {
     let file = ModelFile::load(None).unwrap();
     let model = file.parse().unwrap();
     let tracks = track::Settings::calibrated(model.calibration());
-    let mut onboard = Onboard::new(camera, Default::default(), Default::default(), 0);
-    onboard.set_tracks(tracks);
+    let mut onboard = Onboard::new(camera, tracks, Default::default(), Default::default(), 0);
     let args = DetectorArgs { threshold: Some(tracks.keep_score), ..DetectorArgs::default() };
     let config = args.config(&model, settings.width as usize, settings.height as usize).unwrap();
     let mut memory = Memory::new(&config);
@@ -184,8 +183,9 @@ impl World {
             kind: None,
         };
         let camera = camera.camera().unwrap();
+        let tracks = track::Settings::default();
         Self {
-            onboard: Onboard::new(camera, Default::default(), Default::default(), 0),
+            onboard: Onboard::new(camera, tracks, Default::default(), Default::default(), 0),
             now: 0,
             next_frame: 0,
             said: Vec::new(),

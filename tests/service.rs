@@ -11,10 +11,12 @@ mod live;
 use live::{ACTIVE, Ground, PATIENCE, listed};
 use mavlink::dialects::ardupilotmega::MavMessage;
 use std::fs;
-use std::io::Read;
+use std::io::{BufRead, BufReader, Read};
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Arc, Mutex};
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -27,6 +29,9 @@ fn lookout(args: &[&str]) -> Command {
 /// A service under way; ended with the test.
 struct Service {
     child: Child,
+    /// What it said on standard error so far, and the thread that takes it down.
+    log: Arc<Mutex<String>>,
+    scribe: Option<JoinHandle<()>>,
     folder: TempDir,
 }
 
@@ -44,7 +49,22 @@ impl Service {
         let mut command = lookout(&["run", "--config", config.to_str().unwrap()]);
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         prepare(&mut command, folder.path());
-        Self { child: command.spawn().unwrap(), folder }
+        let mut child = command.spawn().unwrap();
+        let log = Arc::<Mutex<String>>::default();
+        let (lines, written) = (BufReader::new(child.stderr.take().unwrap()).lines(), log.clone());
+        let scribe = thread::spawn(move || {
+            lines.for_each(|line| *written.lock().unwrap() += &format!("{}\n", line.unwrap()));
+        });
+        Self { child, log, scribe: Some(scribe), folder }
+    }
+
+    /// Waits until it says these words on standard error.
+    fn wait_log(&self, words: &str) {
+        let start = Instant::now();
+        while !self.log.lock().unwrap().contains(words) {
+            assert!(start.elapsed() < PATIENCE, "no {words} in {}", self.log.lock().unwrap());
+            thread::sleep(Duration::from_millis(20));
+        }
     }
 
     fn signal(&self, name: &str) {
@@ -59,12 +79,13 @@ impl Service {
             match self.child.try_wait().unwrap() {
                 Some(status) => break status,
                 None if start.elapsed() > PATIENCE => panic!("it does not end"),
-                None => std::thread::sleep(Duration::from_millis(20)),
+                None => thread::sleep(Duration::from_millis(20)),
             }
         };
-        let (mut out, mut err) = (String::new(), String::new());
+        let mut out = String::new();
         self.child.stdout.take().unwrap().read_to_string(&mut out).unwrap();
-        self.child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
+        self.scribe.take().unwrap().join().unwrap();
+        let err = self.log.lock().unwrap().clone();
         let folder = std::mem::replace(&mut self.folder, tempfile::tempdir().unwrap());
         (status.code(), out, err, folder)
     }
@@ -150,6 +171,8 @@ fn it_ends_by_sigterm_with_everything_whole() {
     while start.elapsed() < Duration::from_secs(2) {
         ground.hear();
     }
+    // As `timeout` does it: to the program, and to its group.
+    service.signal("TERM");
     service.signal("TERM");
     let (status, out, err, folder) = service.ended();
     assert_eq!(status, Some(0), "{err}");
@@ -178,7 +201,7 @@ fn sighup_takes_what_can_change() {
     // A mistake changes nothing.
     fs::write(&file, "source = 'simulate:hover'\nbad = 1\n").unwrap();
     service.signal("HUP");
-    std::thread::sleep(Duration::from_millis(500));
+    service.wait_log("settings stay as they are");
     fs::write(&file, format!("component_id = 191\n{}", settings(&second))).unwrap();
     service.signal("HUP");
     second.wait_state(ACTIVE, 0);
@@ -186,6 +209,7 @@ fn sighup_takes_what_can_change() {
     let other = settings(&second).replace("hover", "crossing").replace("160", "192");
     fs::write(&file, other).unwrap();
     service.signal("HUP");
+    service.wait_log("width=192");
     second.wait("frames", |m| matches!(m, MavMessage::NAMED_VALUE_FLOAT(v) if v.value > 1.0));
     second.wait_state(ACTIVE, 0);
     service.signal("INT");

@@ -260,17 +260,47 @@ fn a_model_s_calibration_says_what_makes_a_track() {
     };
     let default = track::Settings::default();
     for (table, start_score, keep_score) in [
-        (&[(-500, 10), (-400, 40), (-100, 90), (300, 97), (400, 99)][..], 300, -400),
+        (&[(-500, 10), (-400, 40), (-100, 89), (300, 91), (400, 99)][..], 300, -400),
         // Never sure enough: what is known of the low scores holds all the same.
-        (&[(-70_000, 20), (-60_000, 50)], default.start_score, -60_000),
+        (&[(-170_000, 20), (-100_000, 50)], default.start_score, -100_000),
         // All of it good: what starts a track continues it.
         (&[(7, 98), (8, 99)], 7, 7),
         (&[], default.start_score, default.keep_score),
     ] {
         let bytes = knots(table);
         let settings = track::Settings::calibrated(&Calibration::parse(&bytes).unwrap());
-        assert_eq!(settings, track::Settings { start_score, keep_score, ..default });
+        let confirm_score = start_score + default.confirm_score - default.start_score;
+        assert_eq!(settings, track::Settings { start_score, confirm_score, keep_score, ..default });
     }
+}
+
+#[test]
+fn weak_detections_alone_confirm_nothing() {
+    let encounter = Encounter { start: [40.0, 3.0, -2.0], velocity: [0.0, 1.0, 0.2], span: 1.0 };
+    let Settings { track: scores, .. } = Settings::default();
+    let between = (scores.start_score + scores.confirm_score) / 2;
+    // Where there is nothing in two frames of three, the scores of the third say little.
+    for (score, every, confirmed) in [(between, 1, false), (0, 1, true), (0, 3, false)] {
+        let traffic = encounter.fly(120, true, |frame, found| match frame % every {
+            0 => vec![Detection { score, ..found }],
+            _ => vec![],
+        });
+        let any = traffic.iter().flatten().any(|t| t.confirmed);
+        assert_eq!(any, confirmed, "{score} every {every}");
+        assert!(traffic.iter().any(|t| !t.is_empty()), "{score} every {every}: no track");
+    }
+}
+
+#[test]
+fn a_part_of_what_is_known_is_no_object() {
+    let encounter = Encounter { start: [20.0, 1.0, -1.0], velocity: [0.0, 0.5, 0.1], span: 1.5 };
+    let traffic = encounter.fly(120, true, |frame, whole| {
+        let Rect { width, height, .. } = whole.rect;
+        let rect = Rect { width: width / 2, height: height / 2, ..whole.rect };
+        let part = Detection { rect, score: 1 << 16, ..whole };
+        if frame < 30 { vec![whole] } else { vec![whole, part] }
+    });
+    assert!(traffic[30..].iter().all(|t| t.len() == 1 && t[0].confirmed && t[0].id == 1));
 }
 
 #[test]

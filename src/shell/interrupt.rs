@@ -43,12 +43,14 @@ pub struct Control {
     pub reload: Arc<AtomicBool>,
 }
 
-/// The same for a service, where SIGHUP asks for a reload.
+/// The same for a service, where SIGHUP asks for a reload, and SIGTERM, however often, lets it complete its files: those
+/// who send it (`timeout`, a manager that ends a whole group) may well send two.
 ///
 /// # Errors
 /// [`Error::Interrupt`] when the system refuses.
 pub fn watch_service() -> Result<Control, Error> {
-    end_by(&[SIGINT, SIGTERM])?;
+    end_by(&[SIGINT])?;
+    flag::register(SIGTERM, REQUESTED.clone()).map_err(refused)?;
     let control = Control { stop: REQUESTED.clone(), ..Control::default() };
     #[cfg(unix)]
     flag::register(signal_hook::consts::SIGHUP, control.reload.clone()).map_err(refused)?;

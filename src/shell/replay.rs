@@ -58,6 +58,9 @@ pub struct ReplayArgs {
     /// Threads to use; 1: none beside the main one, 0: one a processor core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
+    /// Look at so many frames at the start without telling of them: a detector remembers, and a recording that begins in flight brings the frames before
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    lead: u64,
     #[command(flatten)]
     telemetry: TelemetryArgs,
     #[command(flatten)]
@@ -133,9 +136,11 @@ fn progress(frames: Option<u64>) -> ProgressBar {
 /// Everything the user asked for, fed frame by frame.
 struct Outputs {
     threshold: i32,
+    lead: u64,
     camera: (CameraArgs, Option<CameraFile>),
     telemetry: Telemetry,
     tracks: track::Settings,
+    parameters: Parameters,
     onboard: Option<Onboard>,
     levels: BTreeMap<u16, Level>,
     mot: Option<TextFile>,
@@ -162,7 +167,9 @@ impl Outputs {
         let create = |path: &Option<PathBuf>| path.as_deref().map(TextFile::create).transpose();
         let outputs = Self {
             threshold,
+            lead: args.lead,
             camera: (args.camera.clone(), own),
+            parameters: args.telemetry.parameters()?,
             telemetry: Telemetry::open(&args.telemetry, simulated)?,
             tracks,
             onboard: None,
@@ -193,15 +200,16 @@ impl Outputs {
             none => {
                 let (args, own) = &self.camera;
                 let camera = args.camera(frame.width, frame.height, own.as_ref())?;
-                let onboard = Onboard::new(camera, Default::default(), Parameters::default(), 0);
-                let onboard = none.insert(onboard);
-                onboard.set_tracks(self.tracks);
-                onboard
+                let (component, kept) = (Default::default(), self.parameters);
+                none.insert(Onboard::new(camera, self.tracks, component, kept, 0))
             }
         };
         let now_us = frame.time_us.saturating_add(LATENCY_US);
         self.telemetry.advance(onboard, now_us)?;
         let tracks = onboard.see(found, frame.time_us, now_us);
+        if number <= self.lead {
+            return Ok(());
+        }
         let mut found = found.clone();
         found.list.retain(|detection| detection.score >= self.threshold);
         let found = &found;

@@ -6,9 +6,10 @@
 use super::clock;
 use super::error::Error;
 use super::link::signing::{self, Signing};
-use super::link::{LinkSpec, Links};
+use super::link::{LinkSpec, Links, params};
 use super::simulate;
 use super::tlog::{self, Reader, TlogError};
+use crate::component::parameters::Parameters;
 use crate::component::{Event, Outgoing, Trust};
 use crate::onboard::Onboard;
 use mavlink::MAVLinkMessageRaw;
@@ -50,12 +51,26 @@ pub struct TelemetryArgs {
     /// Key for signatures on these links, 64 hexadecimal digits; unsigned commands are then refused. The signing time is kept in FILE.time
     #[arg(long, value_name = "FILE", requires = "link")]
     signing_key: Option<PathBuf>,
+    /// Parameters (LK_..) as `lookout run` keeps them; default: the defaults
+    #[arg(long, value_name = "FILE")]
+    parameters: Option<PathBuf>,
 }
 
 impl TelemetryArgs {
     /// Whether anything is to be written or sent.
     pub fn speaks(&self) -> bool {
         self.tlog_out.is_some() || !self.link.is_empty()
+    }
+
+    /// The parameters to begin with.
+    ///
+    /// # Errors
+    /// [`Error::Read`].
+    pub fn parameters(&self) -> Result<Parameters, Error> {
+        match &self.parameters {
+            Some(path) => params::load(path).map_err(Error::read(path)),
+            None => Ok(Parameters::default()),
+        }
     }
 }
 

@@ -85,13 +85,13 @@ impl Firmware {
         let Memory { bytes, words } = MEMORY.take();
         let buffers = Buffers { bytes, words };
         let detector = Detector::new(&model, CONFIG, buffers).map_err(Error::Memory)?;
+        let tracks = track::Settings::calibrated(model.calibration());
         let firmware = FIRMWARE.init_with(|| Self {
             detector,
-            onboard: Onboard::new(camera, Default::default(), Parameters::default(), now_us),
+            onboard: Onboard::new(camera, tracks, Default::default(), Parameters::default(), now_us),
             reader: MavlinkReader::new(Feed::new()),
             sequences: [0; 256],
         });
-        firmware.onboard.set_tracks(track::Settings::calibrated(model.calibration()));
         Ok(firmware)
     }
 

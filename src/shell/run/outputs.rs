@@ -9,6 +9,7 @@ use super::worker::Seen;
 use crate::message::Blind;
 use crate::message::status::State;
 use crate::onboard::Onboard;
+use crate::shell::camera::CameraFile;
 use crate::shell::error::Error;
 use crate::shell::link::{Inbound, Links};
 use crate::shell::preview::{Preview, Snapshot, snapshot};
@@ -39,19 +40,25 @@ pub struct Outputs {
     events: Option<Events>,
     recorder: Option<Recorder>,
     preview: Option<Preview>,
+    /// Least score of the detections that are recorded.
+    least_score: i32,
     /// What the page shows, less the picture.
     shown: Snapshot,
 }
 
 impl Outputs {
-    /// Opens what the settings ask for.
+    /// Opens what the settings ask for; `own` is what the source knows of its camera, `least_score` the detector's.
     ///
     /// # Errors
     /// [`Error::Write`], [`Error::Preview`].
-    pub fn open(config: &Config) -> Result<Self, Error> {
-        let mut outputs = Self::default();
+    pub fn open(
+        config: &Config,
+        own: Option<&CameraFile>,
+        least_score: i32,
+    ) -> Result<Self, Error> {
+        let mut outputs = Self { least_score, ..Self::default() };
         outputs.open_events(config)?;
-        outputs.open_recorder(config)?;
+        outputs.open_recorder(config, own)?;
         outputs.open_preview(config)?;
         Ok(outputs)
     }
@@ -65,9 +72,10 @@ impl Outputs {
         Ok(())
     }
 
-    fn open_recorder(&mut self, config: &Config) -> Result<(), Error> {
+    fn open_recorder(&mut self, config: &Config, own: Option<&CameraFile>) -> Result<(), Error> {
         self.recorder = None;
-        let open = |path| Recorder::open(path, config).map_err(Error::write(path));
+        let score = self.least_score;
+        let open = |path| Recorder::open(path, config, own, score).map_err(Error::write(path));
         self.recorder = config.record.as_deref().map(open).transpose()?;
         Ok(())
     }
@@ -83,11 +91,12 @@ impl Outputs {
     }
 
     /// Opens anew what the changed settings are about. What fails is told, and stays off.
-    pub fn reload(&mut self, config: &Config, changes: &[&Key]) {
+    pub fn reload(&mut self, config: &Config, own: Option<&CameraFile>, changes: &[&Key]) {
         let about = |prefix: &str| changes.iter().any(|key| key.name.starts_with(prefix));
         let events = if about("event_log") { self.open_events(config) } else { Ok(()) };
-        let recorder = about("record") || (about("camera.") && self.recorder.is_some());
-        let recorder = if recorder { self.open_recorder(config) } else { Ok(()) };
+        let recorder =
+            about("record") || (self.recorder.is_some() && (about("camera.") || about("source")));
+        let recorder = if recorder { self.open_recorder(config, own) } else { Ok(()) };
         let preview = if about("preview") { self.open_preview(config) } else { Ok(()) };
         for error in [events, recorder, preview].into_iter().filter_map(Result::err) {
             tracing::error!("{error}");
@@ -117,7 +126,7 @@ impl Outputs {
             events.see(seen, tracks, onboard, number);
         }
         if let Some(recorder) = &mut self.recorder {
-            recorder.see(seen, tracks, number);
+            recorder.see(seen, tracks, onboard.component().parameters(), number);
         }
         let Some(preview) = &self.preview else { return };
         let frame = &seen.frame;

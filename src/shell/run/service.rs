@@ -24,7 +24,7 @@ use crate::shell::interrupt::Control;
 use crate::shell::link::{Inbound, LinkSpec, Links, params};
 use crate::shell::pipeline::{self, DetectorArgs, ModelFile};
 use crate::shell::telemetry::{self, signing_with};
-use crate::watch::Settings;
+use crate::track;
 use crossbeam_channel::{Receiver, bounded, select};
 use std::fmt;
 use std::format;
@@ -52,7 +52,7 @@ pub struct Summary {
     pub missed: u32,
     /// How often the source was opened.
     pub opened: u32,
-    /// All detections, as `lookout replay --threshold=-2 --digest` has them.
+    /// All detections, as `lookout replay --digest` has them from the score on with which tracks go on.
     pub digest: Digest,
     /// How long it took.
     pub stages: Stages,
@@ -88,7 +88,8 @@ pub fn run(
     let capture = Capture::default();
     let (worker_pulse, stop) = (AtomicU64::new(0), AtomicBool::new(false));
     let (sender, seen) = bounded(WAITING);
-    let mut service = Service::new(config.clone(), &capture, &worker_pulse)?;
+    let tracks = track::Settings::calibrated(model.calibration());
+    let mut service = Service::new(config.clone(), tracks, &capture, &worker_pulse)?;
     let heard = service.links.heard().clone();
     thread::scope(|scope| {
         let spawn = |name: &str| thread::Builder::new().name(name.into());
@@ -97,7 +98,9 @@ pub fn run(
             .spawn_scoped(scope, || capture.run(config.clone(), open, &heard, &stop))
             .map_err(failed)?;
         let looking = || {
-            let args = DetectorArgs { threshold: Some(keep_score()), ..DetectorArgs::default() };
+            // What no track goes on with need not be told.
+            let threshold = Some(tracks.keep_score);
+            let args = DetectorArgs { threshold, ..DetectorArgs::default() };
             let look =
                 || worker::run(&model, &args, &capture.mailbox, &worker_pulse, &sender, &stop);
             let ended = pipeline::on_threads(config.threads, look).and_then(|ended| ended);
@@ -118,11 +121,6 @@ pub fn run(
         taken?;
         finished
     })
-}
-
-/// The least score of a detection that a track goes on with.
-pub fn keep_score() -> i32 {
-    Settings::default().track.keep_score
 }
 
 /// What the loop works on.
@@ -150,6 +148,7 @@ struct Service<'a> {
 impl<'a> Service<'a> {
     fn new(
         config: Config,
+        tracks: track::Settings,
         capture: &'a Capture,
         worker_pulse: &'a AtomicU64,
     ) -> Result<Self, Error> {
@@ -161,8 +160,9 @@ impl<'a> Service<'a> {
         let links = Links::open_signed(&specs(&config), signing);
         let own_camera = live::own_camera(&config)?;
         let camera = live::first_camera(&config, own_camera.as_ref())?;
-        let onboard = Onboard::new(camera, component(&config), kept, now_us());
+        let onboard = Onboard::new(camera, tracks, component(&config), kept, now_us());
         let state = onboard.component().state();
+        let outputs = Outputs::open(&config, own_camera.as_ref(), tracks.keep_score)?;
         Ok(Self {
             own_camera,
             size: None,
@@ -172,7 +172,7 @@ impl<'a> Service<'a> {
             links,
             onboard,
             kept,
-            outputs: Outputs::open(&config)?,
+            outputs,
             notify: Notify::from_environment(),
             summary: Summary::default(),
             blind: Blind::NO,
@@ -342,7 +342,7 @@ impl<'a> Service<'a> {
         if any(&["links"]) {
             self.links.reopen(&specs(&config));
         }
-        self.outputs.reload(&config, &changes);
+        self.outputs.reload(&config, self.own_camera.as_ref(), &changes);
         self.config = config;
     }
 
