@@ -21,7 +21,7 @@ pub use crate::search::MAX_CANDIDATES;
 pub const MAX_DETECTIONS: usize = 64;
 
 /// Most detections of a frame that are looked at again, the surest ones, with a full history and with a half one.
-const MAX_REFINED: [usize; 2] = [10, 4];
+const MAX_REFINED: [usize; 2] = [10, 3];
 
 /// Overlap (IoU, Q8) above which the weaker of two detections goes.
 const DETECTION_OVERLAP: u8 = 64;

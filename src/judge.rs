@@ -146,7 +146,7 @@ impl Judge<'_> {
             Alignment::Regressors => {
                 motion::compensate(&slices, Some(self.model.regressors()), start, cube)
             }
-            Alignment::Flow => window_flow::follow(&slices, self.pyramid.frames(), start, cube),
+            Alignment::Flow => window_flow::follow(&slices, &self.pyramid.frames(), start, cube),
         }
     }
 

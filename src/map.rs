@@ -280,8 +280,8 @@ fn map_cell(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::channels::tests::{Level, level};
     use crate::channels::Cell;
+    use crate::channels::tests::{Level, level};
     use proptest::prelude::*;
     use std::vec;
     use std::vec::Vec;

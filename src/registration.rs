@@ -21,8 +21,8 @@ const COLUMNS: usize = 20;
 const ROWS: usize = 15;
 const _: () = assert!(COLUMNS * ROWS <= MAX_SAMPLES);
 
-/// Smallest side of a cell, in pixels of the frame's half.
-const MIN_CELL: usize = 8;
+/// Smallest side of a cell, in pixels of the frame's half: fewer corners in small frames.
+pub const MIN_CELL: usize = 8;
 
 /// Smallest side of a level that is used beside the finest, in pixels of the level.
 const MIN_SIDE: usize = 48;
@@ -80,18 +80,19 @@ impl Registration {
             return Motion::IDENTITY;
         }
         let old = levels(self.width, self.height, old);
-        measure((self.width, self.height), &new, &old)
+        measure((self.width, self.height), MIN_CELL, &new, &old)
     }
 }
 
-/// The motion that leads from a frame of `width` x `height` back to an older one: pyramids of both, finest first. Not valid
-/// where the pictures give nothing to hold on to.
+/// The motion that leads from a frame of `width` x `height` back to an older one: pyramids of both, finest first. At most one
+/// corner is followed in each square of `min_cell` pixels of the frame's half. Not valid where the pictures give nothing to hold on to.
 pub fn measure(
     (width, height): (usize, usize),
+    min_cell: usize,
     new: &[Image<'_>; LEVELS],
     old: &[Image<'_>; LEVELS],
 ) -> Motion {
-    let corners = corners(new[0]);
+    let corners = corners(new[0], min_cell);
     let still = Motion::still(width, height);
     let mut motion = still;
     // A level of few pixels shows the windows only the middle of the picture.
@@ -147,8 +148,8 @@ const EMPTY: Image<'static> = match Image::packed(&[], 0, 0) {
 };
 
 /// The strongest corner of each cell of `half`, in pixels of the frame, Q8.
-fn corners(half: Image<'_>) -> heapless::Vec<(i32, i32), MAX_SAMPLES> {
-    let side = |length: usize, cells: usize| length.div_ceil(cells).max(MIN_CELL);
+fn corners(half: Image<'_>, min_cell: usize) -> heapless::Vec<(i32, i32), MAX_SAMPLES> {
+    let side = |length: usize, cells: usize| length.div_ceil(cells).max(min_cell);
     let (width, height) = (side(half.width(), COLUMNS), side(half.height(), ROWS));
     let mut corners = heapless::Vec::new();
     for top in (0..half.height()).step_by(height) {

@@ -154,6 +154,7 @@ pub fn search(
 ) -> (Candidates, Counts) {
     let (found, strips) = scratch.words.split_at_mut(candidate_words(pyramid.geometry()));
     let noise = noise(pyramid, found);
+    let step = pyramid.geometry().history().stride();
     let (found, _) = found.as_chunks_mut();
     let (mut length, mut counts) = (0, Counts::default());
     let mut merge = |level: LevelFound| {
@@ -170,7 +171,7 @@ pub fn search(
         parallel,
         Scratch { bytes: scratch.bytes, words: strips },
         &mut merge,
-        |level, scratch| scan_level(cascade, level, &noise, scratch),
+        |level, scratch| scan_level(cascade, level, &noise, step, scratch),
     );
     let found = &mut found[..length];
     found.sort_unstable_by_key(|words| {
@@ -236,14 +237,14 @@ fn scan_level(
     cascade: &Forest<'_>,
     level: &Pictures<'_>,
     noise: &[u32; DIFFERENCES],
+    step: usize,
     scratch: Scratch<'_>,
 ) -> LevelFound {
     let columns = level.level.cells().0;
     let mut found = LevelFound { number: level.number, windows: 0, kept: 0, best: Kept::new() };
     let scan = |strip: Strip<'_>| {
         let map = Map::new(strip, columns);
-        found.windows += map.window_count();
-        map.scan(level.number, cascade, |candidate| {
+        found.windows += map.scan(level.number, cascade, step, |candidate| {
             found.kept += 1;
             let item = (candidate.score, Reverse((candidate.y, candidate.x)));
             let best = &mut found.best;

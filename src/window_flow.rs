@@ -97,6 +97,8 @@ fn track(from: &Surroundings, to: &Surroundings) -> (i32, i32) {
 
 /// Cuts the cube of the window at `start`: each older slice lies where the flow from the slice before leads, sought from
 /// where the background's motion puts it. `frames` are those of `slices`, newest first.
+// Its pictures are large: no board is to find room for them on its stack where the flow is not asked for.
+#[inline(never)]
 pub fn follow(
     slices: &Slices<'_>,
     frames: &[Image<'_>; SLICES],
