@@ -159,7 +159,8 @@ impl NewestRow<'_> {
     /// The differences at cell `x` in quarters of a grey level, at most 255: far, near, plain.
     #[inline(always)]
     pub fn differences(&self, x: usize) -> [u8; DIFFERENCES] {
-        self.differences.each_ref().map(|row| row.quarters(x))
+        let [far, near, plain] = &self.differences;
+        [far.quarters(x), near.quarters(x), plain.quarters(x)]
     }
 
     #[inline(always)]

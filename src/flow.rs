@@ -73,6 +73,7 @@ pub fn corner(
 
 /// Corner response of the block at (x, y): determinant less a sixteenth of the squared trace of the gradient matrix
 /// summed over 3x3 pixels.
+#[inline(never)]
 fn responses(image: Image<'_>, x: usize, y: usize) -> [[i32; BLOCK]; BLOCK] {
     const N: usize = BLOCK + 2;
     let mut sums = [[[0i16; BLOCK]; BLOCK]; 3];

@@ -122,6 +122,7 @@ impl FrontEnd {
 
     /// Takes in one frame and measures its motion. Panics if the frame has another size or the memory is not that of
     /// the last call.
+    #[inline(never)]
     pub fn take(&mut self, frame: Image<'_>, bytes: &mut [u8]) {
         let (width, height) = (self.width, self.height);
         for ring in [&mut self.frames, &mut self.halves, &mut self.coarse, &mut self.slots] {
@@ -146,8 +147,8 @@ impl FrontEnd {
                 let [new, old] = [0, 1].map(|age| self.coarse_frames(halves, coarse, age));
                 let cell = match self.geometry.history() {
                     History::Full => registration::MIN_CELL,
-                    // A third of the corners, which take most of a frame's registration.
-                    History::Half => 3 * registration::MIN_CELL / 2,
+                    // A quarter of the corners: they take most of a frame's registration.
+                    History::Half => 2 * registration::MIN_CELL,
                 };
                 registration::measure((width, height), cell, &new, &old)
             } else {
@@ -187,6 +188,7 @@ impl FrontEnd {
 
     /// Takes the differences of the frame just taken to older ones and fills the pictures of all levels; `observer`
     /// hears when the differences are there. Panics as [`FrontEnd::take`].
+    #[inline(never)]
     pub fn build(&self, frame: Image<'_>, bytes: &mut [u8], observer: &mut dyn FnMut()) {
         let geometry = &self.geometry;
         let slot = self.slots.place(0);

@@ -16,10 +16,10 @@ pub const CELL: usize = 2;
 pub type Energies = [u8; ORIENTATIONS + 1];
 
 /// Q16 reciprocals of |gx| + |gy|, rounded down; the entry of 0 is 0.
-static RECIPROCAL: [u32; 511] = {
-    let mut table = [0; 511];
+static RECIPROCAL: [u32; 512] = {
+    let mut table = [0; 512];
     let mut i = 1;
-    while i < 511 {
+    while i < 512 {
         table[i] = 65536 / i as u32;
         i += 1;
     }
@@ -37,14 +37,15 @@ fn add(gx: i32, gy: i32, sums: &mut [u32; 8]) {
     // Within 3 % of the Euclidean norm ("alpha max plus beta min").
     let magnitude = long.max((long * 29 + short * 16) >> 5);
     // Angle over 0..90 degrees as 0..768: three bins of 256.
-    let angle = (3 * 256 * ay).wrapping_mul(RECIPROCAL[(ax + ay) as usize]) >> 16;
+    let angle = (3 * 256 * ay).wrapping_mul(RECIPROCAL[(ax + ay) as usize & 511]) >> 16;
     let position = if (gx ^ gy) < 0 { 6 * 256 - angle } else { angle };
     let (bin, share) = ((position >> 8) as usize, position & 255);
     let second = (magnitude * share) >> 8;
     let bin = if bin >= ORIENTATIONS { 0 } else { bin };
     let next = if bin + 1 == ORIENTATIONS { 0 } else { bin + 1 };
-    sums[bin] += magnitude - second;
-    sums[next] += second;
+    // Masked, so that nothing has to be checked.
+    sums[bin & 7] += magnitude - second;
+    sums[next & 7] += second;
     sums[ORIENTATIONS] += magnitude;
 }
 
@@ -73,16 +74,35 @@ impl<'a> CellRow<'a> {
     #[inline(always)]
     pub fn energies(&self, cell: usize) -> Energies {
         let [first, second] = self.rows;
-        let (a, b) = (2 * cell, 2 * cell + 1);
-        let left = a.saturating_sub(1);
-        let right = (b + 1).min(first.len() - 1);
-        let at = |row: &[u8], x: usize| i32::from(row[x]);
+        let a = 2 * cell;
+        let pair = |row: &[u8]| -> [i32; CELL] {
+            let pair = &row[a..a + CELL];
+            [pair[0].into(), pair[1].into()]
+        };
+        // The cell's pixels and one on either side, in one piece but at the edges.
+        let wide = |row: &[u8]| -> [i32; CELL + 2] {
+            let inner = a.checked_sub(1).and_then(|left| row.get(left..)?.first_chunk());
+            match inner {
+                Some(&[a, b, c, d]) => [a.into(), b.into(), c.into(), d.into()],
+                None => {
+                    let [first, second] = pair(row);
+                    let at = |x: usize| row.get(x).map(|&pixel| i32::from(pixel));
+                    let left = a.checked_sub(1).and_then(at).unwrap_or(first);
+                    [left, first, second, at(a + CELL).unwrap_or(second)]
+                }
+            }
+        };
+        let (above, below) = (pair(self.above), pair(self.below));
+        let (first, second) = (wide(first), wide(second));
         let mut sums = [0u32; 8];
-        add(at(first, b) - at(first, left), at(second, a) - at(self.above, a), &mut sums);
-        add(at(first, right) - at(first, a), at(second, b) - at(self.above, b), &mut sums);
-        add(at(second, b) - at(second, left), at(self.below, a) - at(first, a), &mut sums);
-        add(at(second, right) - at(second, a), at(self.below, b) - at(first, b), &mut sums);
-        core::array::from_fn(|i| ((sums[i] + 1) >> 1).min(255) as u8)
+        add(first[2] - first[0], second[1] - above[0], &mut sums);
+        add(first[3] - first[1], second[2] - above[1], &mut sums);
+        add(second[2] - second[0], below[0] - first[1], &mut sums);
+        add(second[3] - second[1], below[1] - first[2], &mut sums);
+        // Written out, here and where cells are taken further: on a microcontroller loops over channels cost more than
+        // what they do.
+        let half = |i: usize| ((sums[i] + 1) >> 1).min(255) as u8;
+        [half(0), half(1), half(2), half(3), half(4), half(5), half(ORIENTATIONS)]
     }
 
     /// Sum of the cell's four pixels. Panics if the cell is not within the row.

@@ -3,7 +3,7 @@
 //! [`MAP_CHANNELS`] bytes a cell: the channels of the newest frame, normalised by what is around them. The map is
 //! computed from above, a strip of a few rows at a time, with running sums over the square around each cell.
 
-use crate::channels::{Cell, DIFFERENCES, GREY, MAGNITUDE, Newest};
+use crate::channels::{Cell, DIFFERENCES, Newest};
 use core::array::from_fn;
 
 /// Bytes of the scan's map for one cell.
@@ -47,6 +47,7 @@ pub const fn noise_words(columns: usize, rows: usize) -> usize {
 /// Noise of the differences of a whole frame: the mean of each over its calmer cells, Q4. Scales the map's temporal
 /// channels, so that wind in the trees or a badly measured camera motion do not look like targets everywhere.
 /// Panics if there are fewer than [`noise_words`] words.
+#[inline(never)]
 pub fn noise(newest: &Newest<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
     // Means of blocks; the mean of those below twice the mean of all is robust against targets.
     let (columns, rows) = newest.slice.cells();
@@ -104,16 +105,20 @@ const NEAR: usize = 2 * REACH + 1;
 /// Sums of a column of a square, or of all of it: magnitude, grey, far and near difference.
 type Sums = [u16; 4];
 
+#[inline(always)]
 fn sums(cell: &Cell) -> Sums {
-    [MAGNITUDE, GREY, GREY + 1, GREY + 2].map(|channel| u16::from(cell[channel]))
+    let [.., magnitude, grey, far, near, _] = *cell;
+    [magnitude.into(), grey.into(), far.into(), near.into()]
 }
 
-fn add(sums: &mut Sums, other: &Sums) {
-    sums.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
+#[inline(always)]
+fn add(sums: &mut Sums, &[a, b, c, d]: &Sums) {
+    *sums = [sums[0] + a, sums[1] + b, sums[2] + c, sums[3] + d];
 }
 
-fn take(sums: &mut Sums, other: &Sums) {
-    sums.iter_mut().zip(other).for_each(|(sum, other)| *sum -= other);
+#[inline(always)]
+fn take(sums: &mut Sums, &[a, b, c, d]: &Sums) {
+    *sums = [sums[0] - a, sums[1] - b, sums[2] - c, sums[3] - d];
 }
 
 /// Bytes that [`strips`] needs, with strips of up to `rows` rows, for a level of `columns` cells in a row.
@@ -202,6 +207,7 @@ impl<'a> Around<'a> {
     }
 
     /// Moves the square down to be around row `y`, the one after that of the last call; the first is 0.
+    #[inline(never)]
     fn advance(&mut self, y: usize) {
         if let Some(above) = y.checked_sub(REACH + 1) {
             let gone = &self.ring[above % NEAR * self.columns..][..self.columns];
@@ -220,6 +226,7 @@ impl<'a> Around<'a> {
     }
 
     /// The map of row `y`, around which the square is.
+    #[inline(never)]
     fn map_row(&self, y: usize, calm: &[u32; DIFFERENCES], out: &mut [[u8; MAP_CHANNELS]]) {
         let cells = &self.ring[y % NEAR * self.columns..][..self.columns];
         let down = (y + REACH + 1).min(self.rows) - y.saturating_sub(REACH);
@@ -253,34 +260,40 @@ fn map_cell(
     calm: &[u32; DIFFERENCES],
 ) -> [u8; MAP_CHANNELS] {
     let [magnitude_around, grey_around, far_around, near_around] = *around;
-    let energy = RECIPROCAL[quarter_mean(magnitude_around)];
-    let mut out = [0; MAP_CHANNELS];
-    for (out, value) in out[..=MAGNITUDE].iter_mut().zip(cell) {
-        *out = ratio(*value, energy);
-    }
-    let magnitude = usize::from(cell[MAGNITUDE]);
-    let [grey, far, near, plain] = from_fn(|i| cell[GREY + i]);
-    out[7] = ROOT[(magnitude * 4).min(1023)];
+    let energy = RECIPROCAL[quarter_mean(magnitude_around) & 1023];
+    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = *cell;
+    let against_energy = |value: u8| ratio(value, energy);
     let mean = (u32::from(grey_around) * inside) >> 16;
     let above = i32::from(grey) * 4 - mean as i32;
-    out[8] = (128 + ((above * i32::from(energy)) >> 10)).clamp(0, 255) as u8;
-    out[9] = (128 + (above >> 1)).clamp(0, 255) as u8;
-    for (out, (difference, calm)) in out[10..13].iter_mut().zip([far, near, plain].iter().zip(calm))
-    {
-        let loud = (u32::from(*difference) * calm) >> 7;
-        *out = ROOT[loud.min(1023) as usize];
-    }
-    out[13] = ratio(near, RECIPROCAL[quarter_mean(near_around)]);
-    out[15] = ratio(far, RECIPROCAL[quarter_mean(far_around)]);
-    // The plain difference against the magnitude of the cell alone.
-    out[14] = ratio(plain, RECIPROCAL[magnitude * 4]);
-    out
+    let byte = |value: i32| (128 + value).clamp(0, 255) as u8;
+    let loud = |value: u8, calm: u32| ROOT[((u32::from(value) * calm) >> 7).min(1023) as usize];
+    let local = |value: u8, sum: u16| ratio(value, RECIPROCAL[quarter_mean(sum) & 1023]);
+    let quarters = usize::from(magnitude) * 4;
+    [
+        against_energy(a),
+        against_energy(b),
+        against_energy(c),
+        against_energy(d),
+        against_energy(e),
+        against_energy(f),
+        against_energy(magnitude),
+        ROOT[quarters],
+        byte((above * i32::from(energy)) >> 10),
+        byte(above >> 1),
+        loud(far, calm[0]),
+        loud(near, calm[1]),
+        loud(plain, calm[2]),
+        local(near, near_around),
+        // The plain difference against the magnitude of the cell alone.
+        ratio(plain, RECIPROCAL[quarters]),
+        local(far, far_around),
+    ]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::channels::Cell;
+    use crate::channels::MAGNITUDE;
     use crate::channels::tests::{Level, level};
     use proptest::prelude::*;
     use std::vec;
@@ -382,7 +395,7 @@ mod tests {
             let newest = level.newest();
             let (columns, rows) = newest.slice.cells();
             // Strips of any height give the same map.
-            let out = whole(&newest, noise, (WINDOW + extra, WINDOW - 1));
+            let out = whole(&newest, noise, (10 + extra, 9));
             prop_assert_eq!(&out, &whole(&newest, noise, (rows + 2 * PADDING, 0)));
             let cells: Vec<Cell> =
                 (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).map(|(x, y)| newest.row(y).cell(x)).collect();

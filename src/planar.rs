@@ -119,6 +119,7 @@ pub(crate) struct Sample {
 
 /// The motion with up to `unknowns` parameters that most samples agree on: least squares, reweighted (Tukey's biweight)
 /// with a threshold that follows the median distance down. Starts from the median shift.
+#[inline(never)]
 pub(crate) fn fit(still: Motion, samples: &[Sample], unknowns: usize) -> Motion {
     if samples.len() < MIN_INLIERS {
         return still;

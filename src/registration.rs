@@ -86,6 +86,7 @@ impl Registration {
 
 /// The motion that leads from a frame of `width` x `height` back to an older one: pyramids of both, finest first. At most one
 /// corner is followed in each square of `min_cell` pixels of the frame's half. Not valid where the pictures give nothing to hold on to.
+#[inline(never)]
 pub fn measure(
     (width, height): (usize, usize),
     min_cell: usize,

@@ -70,6 +70,7 @@ impl<'a> Map<'a> {
 
     /// Runs `cascade` over every `step`th window across and down, from the first one of the whole map on; `found` gets
     /// each window that it does not reject. Gives the number of windows. Panics if `step` is 0.
+    #[inline(never)]
     pub fn scan(
         &self,
         level: u8,

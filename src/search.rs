@@ -145,6 +145,7 @@ const fn max(a: usize, b: usize) -> usize {
 
 /// The windows that `cascade` finds best, at most `most` of them and [`MAX_CANDIDATES`]; levels in parallel if asked
 /// for, where there are threads for it. The result is the same. Panics if `scratch` is too small for it.
+#[inline(never)]
 pub fn search(
     cascade: &Forest<'_>,
     pyramid: &Pyramid<'_>,
@@ -233,6 +234,7 @@ fn each_level(
 }
 
 /// Scans one level.
+#[inline(never)]
 fn scan_level(
     cascade: &Forest<'_>,
     level: &Pictures<'_>,

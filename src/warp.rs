@@ -12,6 +12,7 @@ const BLOCK: usize = 16;
 /// `width * height` bytes.
 ///
 /// Panics if the pictures differ in size or `out` has fewer bytes than they have pixels.
+#[inline(never)]
 pub fn warp(
     previous: Image<'_>,
     current: Image<'_>,
@@ -145,6 +146,7 @@ impl Segment {
 /// where the older frame, moved by up to a pixel, explains it. Both slices are packed, `width * height` bytes.
 ///
 /// Panics if a slice has fewer bytes than the frame has pixels.
+#[inline(never)]
 pub fn temporal_difference(current: Image<'_>, warped: &[u8], out: &mut [u8]) {
     const STRIP: usize = 128;
     let (width, height) = (current.width(), current.height());
