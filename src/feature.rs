@@ -83,7 +83,7 @@ impl Feature {
     }
 
     /// Sum of `channel` over this box (or the whole window) of `slices`.
-    #[inline]
+    #[inline(always)]
     fn sum(&self, slices: &[Patch], channel: usize, whole: bool) -> u32 {
         let ((x0, x1), (y0, y1)) = if whole {
             ((0, WINDOW), (0, WINDOW))
@@ -91,7 +91,11 @@ impl Feature {
             let wide = |r: (u8, u8)| (usize::from(r.0), usize::from(r.1));
             (wide(self.x), wide(self.y))
         };
-        slices.iter().map(|patch| patch.sum(channel, x0, y0, x1, y1)).sum()
+        let mut sum = 0;
+        for patch in slices {
+            sum += patch.sum(channel, x0, y0, x1, y1);
+        }
+        sum
     }
 
     /// Numerator and denominator: at most 2^21 each, the denominator at least 1.
