@@ -32,6 +32,11 @@ impl Patch {
     /// A patch of nothing.
     pub const EMPTY: Self = Self { corners: [[[0; CHANNELS]; CORNERS]; CORNERS] };
 
+    /// Makes it a patch of nothing.
+    pub fn clear(&mut self) {
+        self.corners.as_flattened_mut().fill([0; CHANNELS]);
+    }
+
     /// Cuts the window whose upper left corner is at (x, y), in quarters of a cell, out of a frame. What lies outside of
     /// it counts as 0.
     pub fn cut(&mut self, slice: &Slice<'_>, x: i32, y: i32) {

@@ -78,7 +78,7 @@ impl Judge<'_> {
         let centred = self.look(&candidate, &detection.rect, level, cube);
         let Some(level) = self.level_of(&centred.rect) else { return };
         let mut score = i64::from(detection.score);
-        let (mut sums, mut looks) = ([0i64; 4], 0);
+        let (mut sums, mut looks) = ([0i64; 4], 0u32);
         for step in LOOKS {
             let Some(level) = level.checked_add_signed(step) else { continue };
             if !self.pyramid.levels().get(level).is_some_and(|l| l.active) {

@@ -38,14 +38,15 @@
 //!   scores and trained models out.
 //! - `rayon` (default, implies `std`): levels of the pyramid and the trainer's work on all processors. The results are
 //!   those of one thread, byte for byte.
-//! - `embedded` (excludes `std`): `message` and `component`, the MAVLink side, for a board without an operating system.
+//! - `embedded` (excludes `std`): `message`, `component` and `onboard`, the MAVLink side, for a board without an operating system.
 //!
 //! # Layers, from the top down
 //! A module uses modules of lower levels only; a test checks it.
 //!
 //! | level | module | what it does |
 //! | --- | --- | --- |
-//! | 9 | `shell` | everything that needs an operating system: sources, replay, training, evaluation |
+//! | 10 | `shell` | everything that needs an operating system: sources, replay, training, evaluation |
+//! | 9 | `onboard` | the lookout behind its detector: tracks, threat, MAVLink (feature `mavlink`) |
 //! | 8 | [`detector`] | frames in, detections out: configuration, memory, the order of the steps below |
 //! | 7 | [`judge`] | the verdict on a candidate: its st-cube, a score, a box |
 //! | 6 | [`front`] | the front end: from frames to the pictures of all levels, for the last frames |
@@ -66,6 +67,7 @@
 //! | 3 | [`warp`] | an older frame seen from where the camera is now, and what differs |
 //! | 2 | [`attitudes`] | the vehicle's attitude at the time of a frame |
 //! | 2 | [`camera`] | from a point in the picture to a direction, and back |
+//! | 2 | [`digest`] | one number for all detections of a flight |
 //! | 2 | [`channels`] | gradient energies and differences of the cells of a level |
 //! | 2 | [`registration`] | the motion of the background from frame to frame |
 //! | 2 | [`traffic`] | what is told to others about an object: where it is, how near, how dangerous |
@@ -73,6 +75,7 @@
 //! | 1 | [`detection`] | what was found in a frame |
 //! | 1 | [`calibration`] | what share of detections of a score is right |
 //! | 1 | [`persistence`] | what was there a frame ago makes a detection surer |
+//! | 1 | [`kalman`] | a value and its rate: how wrong they are, and what a measurement changes |
 //! | 1 | [`trees`] | boosted trees and their cascade; they know no image |
 //! | 1 | [`planar`] | a motion of the whole picture, fitted to the motion of points |
 //! | 1 | [`flow`] | corners, and where they were in another picture |
@@ -99,6 +102,7 @@ pub mod component;
 pub mod cube;
 pub mod detection;
 pub mod detector;
+pub mod digest;
 pub mod feature;
 pub mod fixed;
 pub mod flow;
@@ -108,6 +112,7 @@ pub mod gradient;
 pub mod history;
 pub mod image;
 pub mod judge;
+pub mod kalman;
 pub mod levels;
 pub mod linear;
 pub mod map;
@@ -116,6 +121,8 @@ pub mod message;
 pub mod model;
 pub mod motion;
 pub mod nms;
+#[cfg(feature = "mavlink")]
+pub mod onboard;
 pub mod persistence;
 pub mod planar;
 pub mod pyramid;

@@ -171,7 +171,7 @@ pub fn compensate(
         let (origin, before) = (at, path.moves);
         let patch = &mut cube.slices[k];
         let Some(slice) = &slices.slices[k] else {
-            *patch = Patch::EMPTY;
+            patch.clear();
             path.positions[k] = at;
             continue;
         };

@@ -27,21 +27,23 @@ pub struct Settings {
     pub wingspan: Real,
     /// Error of it: standard deviation of its logarithm, 0 to 2. Default 0.7: half to twice the span, seen from any side.
     pub wingspan_sigma: Real,
-    /// Time to contact below which an object on a collision course is a warning, in seconds, 0 to 60. Default 6: what a
-    /// small camera can see of a drone, and time for a manoeuvre of 2 to 3 s.
+    /// Time to contact below which an object on a collision course is a warning, in seconds, 0 to 60. Default 8: time
+    /// for a manoeuvre of 2 to 3 s, twice: of `airborne/train`'s times that are known half are wrong by half or more.
     pub warning_time: Real,
-    /// The same for caution, in seconds, `warning_time` to 60. Default 12.
+    /// The same for caution, in seconds, `warning_time` to 60. Default 16.
     pub caution_time: Real,
     /// Distance at the closest approach below which an object is on a collision course, in metres for an object of the
-    /// assumed wingspan, 0 to 1000. Default 6.
+    /// assumed wingspan, 0 to 1000. Default 4, four wingspans; `airborne/train` warns alike from 4 to 12.
     pub warning_distance: Real,
-    /// The same for caution, in metres. Default 12.
+    /// The same for caution, in metres. Default 8.
     pub caution_distance: Real,
-    /// How many times its error the growth must be for a time to contact to be known, 1 to 10. Default 2.
+    /// How many times its error the growth must be for a time to contact to be known, 1 to 10. Default 1.5.
     pub known: Real,
-    /// The same for a warning. Default 3.
+    /// The same for a warning. Default 2: at 1.75 one of 30 flights without a collision is warned of, at 2.25 two
+    /// of 10 collisions are warned of too late (`airborne/train`).
     pub sure: Real,
-    /// How long a level's conditions must hold before it is raised, in microseconds, 0 to 10 s. Default 0.3 s.
+    /// How long a level's conditions must hold before it is raised, in microseconds, 0 to 10 s. Default 0.5 s: at
+    /// 0.3 s one of 30 flights without a collision is warned of (`airborne/train`).
     pub persistence_us: i64,
     /// How long they must not hold before it is lowered, in microseconds, 0 to 60 s. Default 2 s, as ArduPilot's
     /// avoidance (AP_Avoidance, `AVD_*`).
@@ -50,17 +52,20 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self {
-            wingspan: ONE,
-            wingspan_sigma: ratio(7, 10),
-            warning_time: Real::lit("6"),
-            caution_time: Real::lit("12"),
-            warning_distance: Real::lit("6"),
-            caution_distance: Real::lit("12"),
-            known: Real::lit("2"),
-            sure: Real::lit("3"),
-            persistence_us: 300_000,
-            hold_us: 2_000_000,
+        // At compile time, so that a board needs no code to read numbers.
+        const {
+            Self {
+                wingspan: ONE,
+                wingspan_sigma: ratio(7, 10),
+                warning_time: Real::lit("8"),
+                caution_time: Real::lit("16"),
+                warning_distance: Real::lit("4"),
+                caution_distance: Real::lit("8"),
+                known: Real::lit("1.5"),
+                sure: Real::lit("2"),
+                persistence_us: 500_000,
+                hold_us: 2_000_000,
+            }
         }
     }
 }

@@ -3,25 +3,20 @@
 //! A track is a direction in a frame of reference that does not turn with the camera, its rate, the logarithm of the
 //! object's angular size and the growth of that. The growth g is the inverse of the time to contact: at a constant
 //! closing speed it rises by g² a second, which the filter foretells, so that a long memory does not lag. Both pairs are
-//! Kalman filters with a random acceleration (Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and
-//! Navigation", 2001, section 6.2.2). Detections go to the nearest track within its gate, the nearest pair first, tracks
+//! Kalman filters ([`crate::kalman`]). Detections go to the nearest track within its gate, the nearest pair first, tracks
 //! that are confirmed before others; what is left starts tracks.
 
 use crate::angle::{
     ONE, Real, Vector, ZERO, across, add, divide, exp, ln, norm, ratio, sqrt, unit,
 };
+use crate::calibration::{self, Calibration};
 use crate::camera::Camera;
 use crate::detection::{Detection, SHIFTS};
 use crate::geometry::Attitude;
 use crate::image::Rect;
+use crate::kalman::{MAX_VARIANCE, MILLI, Spread};
 use crate::traffic::MAX_TRAFFIC;
 use fixed::types::I28F4;
-
-/// Variances are of thousandths (milliradians, or thousandths of the size), to keep their bits.
-const MILLI: Real = Real::lit("1000");
-
-/// Largest variance of a value and of a rate, in thousandths squared.
-const MAX_VARIANCE: Real = Real::lit("100000000");
 
 /// Most detections of a frame that are looked at.
 const MAX_SIGHTS: usize = 64;
@@ -40,6 +35,13 @@ const FIRST_GROWTH: Real = Real::lit("300");
 
 /// Rate of a new track without shifts, in thousandths.
 const FIRST_RATE: Real = Real::lit("300");
+
+/// Share of a model's detections (Q16) that are right from the score on that starts a track, on clips held back from
+/// training.
+const START_PRECISION: u32 = calibration::ONE / 25 * 24;
+
+/// The same for the score that continues one: where something is expected, weak evidence will do.
+const KEEP_PRECISION: u32 = calibration::ONE / 3;
 
 /// How tracks are made and kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,29 +62,39 @@ pub struct Settings {
     pub growth_agility: Real,
     /// Error of a detection's place in parts of its size; 0 to 1. A pixel comes to it.
     pub place_error: Real,
-    /// Error of the logarithm of a detection's size; 0 to 1. A pixel comes to it. Larger than from frame to frame, for
-    /// errors of neighbouring frames are alike.
+    /// Error of the logarithm of a detection's size; 0 to 1. A quarter of a pixel comes to it.
     pub size_error: Real,
+    /// How long that error stays alike, in seconds; 0 to 10. The object itself turns, and boxes change slowly.
+    pub size_memory: Real,
 }
 
 impl Default for Settings {
-    /// Values measured on `airborne/train`.
+    /// Values measured on `airborne/train`; scores for a model that does not say what they are worth.
     fn default() -> Self {
         Self {
-            confirm_hits: 5,
-            confirm_window: 8,
+            confirm_hits: 8,
+            confirm_window: 15,
             coast_us: 700_000,
-            start_score: 0,
-            keep_score: -2 << 16,
-            agility: ratio(5, 100),
-            growth_agility: ratio(5, 100),
-            place_error: ratio(8, 100),
-            size_error: ratio(15, 100),
+            start_score: -45_000,
+            keep_score: -3 << 16,
+            agility: ratio(1, 100),
+            growth_agility: ratio(2, 100),
+            place_error: ratio(6, 100),
+            size_error: ratio(12, 100),
+            size_memory: ratio(20, 100),
         }
     }
 }
 
 impl Settings {
+    /// The defaults with the scores that a model's calibration gives, as far as its table reaches.
+    pub fn calibrated(table: &Calibration<'_>) -> Self {
+        let default = Self::default();
+        let start_score = table.threshold(START_PRECISION).unwrap_or(default.start_score);
+        let keep_score = table.threshold(KEEP_PRECISION).unwrap_or(default.keep_score);
+        Self { start_score, keep_score: keep_score.min(start_score), ..default }
+    }
+
     /// Every value within its range.
     fn limited(self) -> Self {
         let window = self.confirm_window.clamp(1, 32);
@@ -94,63 +106,9 @@ impl Settings {
             growth_agility: self.growth_agility.clamp(ratio(1, 1000), Real::from_num(10)),
             place_error: self.place_error.clamp(ZERO, ONE),
             size_error: self.size_error.clamp(ZERO, ONE),
+            size_memory: self.size_memory.clamp(ZERO, Real::from_num(10)),
             ..self
         }
-    }
-}
-
-/// Variances of a value and its rate, and their covariance, in thousandths squared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Spread {
-    value: Real,
-    both: Real,
-    rate: Real,
-}
-
-impl Spread {
-    fn new(value: Real, rate: Real) -> Self {
-        Self { value: value * value, both: ZERO, rate: rate * rate }
-    }
-
-    /// `dt` seconds later; the rate's error grows by the factor `bend`, `noise` is the density of the acceleration.
-    fn predict(&mut self, dt: Real, bend: Real, noise: Real) {
-        let Self { value, both, rate } = *self;
-        let noise = (noise * MILLI) * (noise * MILLI) * dt;
-        self.value = value + both * dt * 2 + rate * dt * dt + noise * dt * dt / 3;
-        self.both = (both + rate * dt) * bend + noise * dt / 2;
-        self.rate = rate * bend * bend + noise;
-        self.limit();
-    }
-
-    fn limit(&mut self) {
-        self.value = self.value.clamp(ratio(1, 1000), MAX_VARIANCE);
-        self.rate = self.rate.clamp(ratio(1, 1000), MAX_VARIANCE);
-        let most = sqrt(self.value) * sqrt(self.rate);
-        self.both = self.both.clamp(-most, most);
-    }
-
-    /// Gains of value and rate for a measurement of the value with this variance.
-    fn update(&mut self, variance: Real) -> [Real; 2] {
-        let sum = self.value + variance.min(MAX_VARIANCE);
-        let gains = [divide(self.value, sum), divide(self.both, sum)];
-        let both = self.both;
-        self.value -= self.value * gains[0];
-        self.both -= both * gains[0];
-        self.rate -= both * gains[1];
-        self.limit();
-        gains
-    }
-
-    /// As [`Spread::update`] for a measurement of the rate.
-    fn update_rate(&mut self, variance: Real) -> [Real; 2] {
-        let sum = self.rate + variance.min(MAX_VARIANCE);
-        let gains = [divide(self.both, sum), divide(self.rate, sum)];
-        let both = self.both;
-        self.value -= both * gains[0];
-        self.both -= both * gains[1];
-        self.rate -= self.rate * gains[1];
-        self.limit();
-        gains
     }
 }
 
@@ -230,7 +188,7 @@ impl Track {
             growth: ZERO,
             aspect: sight.aspect,
             bearing: Spread::new(sqrt(sight.variance), rate_sigma),
-            growing: Spread::new(sqrt(sight.size_variance), FIRST_GROWTH),
+            growing: Spread::new(sqrt(sight.size_variance) * 2, FIRST_GROWTH),
             history: 1,
             frames: 1,
         }
@@ -253,14 +211,14 @@ impl Track {
     fn distance(&self, sight: &Sight) -> Option<Real> {
         let off = add(sight.direction, self.direction, -ONE).map(|v| v * MILLI);
         let place = off.map(|v| divide(v, sqrt(self.bearing.value + sight.variance)));
-        let place: Real = place.into_iter().map(|v| v * v).fold(ZERO, Real::saturating_add);
+        let square = |v: Real| v.saturating_mul(v);
+        let place = place.into_iter().map(square).fold(ZERO, Real::saturating_add);
         let size = (sight.size - self.size) * MILLI;
-        let size = divide(size, sqrt(self.growing.value + sight.size_variance));
-        let size = size * size;
-        (place <= GATE[0] && size <= GATE[1]).then_some(place + size)
+        let size = square(divide(size, sqrt(self.growing.value + sight.size_variance)));
+        (place <= GATE[0] && size <= GATE[1]).then(|| place + size)
     }
 
-    fn update(&mut self, sight: &Sight, score: i32, time_us: i64) {
+    fn update(&mut self, sight: &Sight, score: i32, time_us: i64, settings: &Settings) {
         let off = across(add(sight.direction, self.direction, -ONE), self.direction);
         let [place, speed] = self.bearing.update(sight.variance);
         self.direction = unit(add(self.direction, off, place));
@@ -273,7 +231,11 @@ impl Track {
         }
         if !sight.cut {
             let off = sight.size - self.size;
-            let [size, growth] = self.growing.update(sight.size_variance);
+            // White noise of the same density as errors that are alike for a while: so many frames count for one.
+            let since =
+                Real::from_num(time_us.saturating_sub(self.seen_us).clamp(1_000, 1_000_000));
+            let alike = ONE + settings.size_memory * 2_000_000 / since;
+            let [size, growth] = self.growing.update(sight.size_variance.saturating_mul(alike));
             self.size += off * size;
             self.growth = (self.growth + off * growth).clamp(-MAX_GROWTH, MAX_GROWTH);
             self.aspect += (sight.aspect - self.aspect) / 8;
@@ -371,7 +333,7 @@ impl Sight {
         let place = milli(extent * settings.place_error + pixel);
         let error = milli(view.error);
         let direction = unit(view.attitude.rotate(camera.body(mx, my)));
-        let size_error = milli(settings.size_error + divide(pixel, extent));
+        let size_error = milli(settings.size_error + divide(pixel, extent) / 4);
         let spec = camera.intrinsics();
         let edge = |v: I28F4, side: u32| v + I28F4::ONE >= I28F4::saturating_from_num(side);
         // The longest way back that is known: its error is that of two places, alike as they are.
@@ -383,7 +345,7 @@ impl Sight {
                 (then.0 >= ratio(1, 200)).then(|| {
                     let rate = add(direction, old, -ONE).map(|v| v / then.0);
                     let sigma = (milli(pixel * 3) + error) / then.0;
-                    (across(rate, direction), (sigma * sigma).min(MAX_VARIANCE))
+                    (across(rate, direction), sigma.saturating_mul(sigma).min(MAX_VARIANCE))
                 })
             });
         Self {
@@ -504,7 +466,7 @@ impl Tracker {
             }
             let Some((_, t, s)) = best else { return };
             let (sight, score) = &sights[s];
-            self.tracks[t].update(sight, *score, time_us);
+            self.tracks[t].update(sight, *score, time_us, &self.settings);
             free[s] = false;
         }
     }

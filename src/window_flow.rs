@@ -3,7 +3,7 @@
 //! What the paper compares Algorithm 1 with: pyramidal Lucas-Kanade flow says where the picture in the window was a frame
 //! before, from slice to slice. It follows what has structure, which before trees and fields is the background.
 
-use crate::cube::{Cube, Patch, SLICES};
+use crate::cube::{Cube, SLICES};
 use crate::flow;
 use crate::image::Image;
 use crate::motion::{FIRST_SCALAR, Path, Position, Slices};
@@ -97,7 +97,7 @@ fn track(from: &Surroundings, to: &Surroundings) -> (i32, i32) {
 
 /// Cuts the cube of the window at `start`: each older slice lies where the flow from the slice before leads, sought from
 /// where the background's motion puts it. `frames` are those of `slices`, newest first.
-// Its pictures are large: no board is to find room for them on its stack where the flow is not asked for.
+// Its surroundings take room on the stack: nobody who follows otherwise is to give it.
 #[inline(never)]
 pub fn follow(
     slices: &Slices<'_>,
@@ -122,7 +122,7 @@ pub fn follow(
         }
         match &slices.slices[k] {
             Some(slice) => cube.slices[k].cut(slice, at.x, at.y),
-            None => cube.slices[k] = Patch::EMPTY,
+            None => cube.slices[k].clear(),
         }
         path.positions[k] = at;
         path.moved[k] = Position { x: at.x - origin.x, y: at.y - origin.y };

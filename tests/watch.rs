@@ -3,11 +3,13 @@
 use fixed::types::I28F4;
 use lookout::angle::Real;
 use lookout::attitudes::Attitudes;
+use lookout::calibration::{self, Calibration, Knot};
 use lookout::camera::{Camera, Intrinsics};
 use lookout::detection::{Detection, SHIFTS, Shift};
 use lookout::geometry::Attitude;
 use lookout::image::Rect;
 use lookout::planar::Motion;
+use lookout::track;
 use lookout::traffic::{Level, MAX_TRAFFIC, Traffic};
 use lookout::watch::{Settings, Watch};
 use proptest::prelude::*;
@@ -251,6 +253,27 @@ fn time_and_attitude_that_jump_leave_nothing_stale() {
 }
 
 #[test]
+fn a_model_s_calibration_says_what_makes_a_track() {
+    let knots = |knots: &[(i32, u32)]| -> Vec<u8> {
+        let knot = |&(score, percent)| Knot { score, precision: calibration::ONE / 100 * percent };
+        knots.iter().flat_map(|k| knot(k).encode()).collect()
+    };
+    let default = track::Settings::default();
+    for (table, start_score, keep_score) in [
+        (&[(-500, 10), (-400, 40), (-100, 90), (300, 97), (400, 99)][..], 300, -400),
+        // Never sure enough: what is known of the low scores holds all the same.
+        (&[(-70_000, 20), (-60_000, 50)], default.start_score, -60_000),
+        // All of it good: what starts a track continues it.
+        (&[(7, 98), (8, 99)], 7, 7),
+        (&[], default.start_score, default.keep_score),
+    ] {
+        let bytes = knots(table);
+        let settings = track::Settings::calibrated(&Calibration::parse(&bytes).unwrap());
+        assert_eq!(settings, track::Settings { start_score, keep_score, ..default });
+    }
+}
+
+#[test]
 fn more_objects_than_there_is_room_for() {
     let mut watch = Watch::new(Settings::default(), camera());
     let many: Vec<Detection> = (0..40)
@@ -277,7 +300,7 @@ proptest! {
     fn nothing_panics(frames in proptest::collection::vec(
         (any::<i64>(), proptest::collection::vec((any::<[i32; 4]>(), any::<i32>(), any::<[i32; 6]>()), 0..20), any::<[i32; 8]>(), any::<[i64; 4]>(), any::<bool>()),
         1..12,
-    ), wild: bool, settings: [i64; 12]) {
+    ), wild: bool, settings: [i64; 12], (width, height, focal) in (1..=65535u32, 1..=65535u32, 0..=10u32)) {
         let mut chosen = Settings::default();
         if wild {
             let [a, b, c, d, e, f, g, h, i, j, k, l] = settings;
@@ -295,7 +318,11 @@ proptest! {
             chosen.threat.persistence_us = k;
             chosen.threat.known = real(l);
         }
-        let mut watch = Watch::new(chosen, camera());
+        // From the widest to the narrowest view there is.
+        let focal = Real::from_num(width.max(height)) * (1 << focal) / 16;
+        let intrinsics = Intrinsics { width, height, focal: [focal; 2], ..*camera().intrinsics() };
+        let any = Camera::new(intrinsics).ok().filter(|_| wild);
+        let mut watch = Watch::new(chosen, any.unwrap_or(camera()));
         let mut attitudes = Attitudes::new();
         let mut time = 0i64;
         for (step, found, motion, q, sane) in frames {

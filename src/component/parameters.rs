@@ -16,13 +16,14 @@ use mavlink::types::CharArray;
 /// A parameter. Its number is its index on the wire; the set never changes while the program runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Parameter {
-    /// `LK_THRESHOLD`: least score of a detection, log-odds; 0 by default.
+    /// `LK_THRESHOLD`: how much surer than the model's calibration asks a detection must be to start a track, log-odds;
+    /// 0 by default, negative for more and less sure ones. It means the same whichever model is in use.
     Threshold,
     /// `LK_WINGSPAN`: assumed wingspan of other aircraft in metres; 1 by default.
     Wingspan,
-    /// `LK_CAUTION_S`: time to contact below which there is a caution, in seconds; 12 by default.
+    /// `LK_CAUTION_S`: time to contact below which there is a caution, in seconds; 16 by default.
     CautionTime,
-    /// `LK_WARNING_S`: time to contact below which there is a warning, in seconds; 6 by default.
+    /// `LK_WARNING_S`: time to contact below which there is a warning, in seconds; 8 by default.
     WarningTime,
     /// `LK_ADSB_HZ`: reports of an aircraft a second by ADSB_VEHICLE, 0 for none; 2 by default.
     AdsbRate,
@@ -53,8 +54,8 @@ struct Definition(Parameter, &'static str, f32, f32, f32, bool);
 static DEFINITIONS: [Definition; COUNT] = [
     Definition(Parameter::Threshold, "LK_THRESHOLD", 0.0, -32.0, 32.0, false),
     Definition(Parameter::Wingspan, "LK_WINGSPAN", 1.0, 0.0625, 100.0, false),
-    Definition(Parameter::CautionTime, "LK_CAUTION_S", 12.0, 1.0, 60.0, false),
-    Definition(Parameter::WarningTime, "LK_WARNING_S", 6.0, 1.0, 60.0, false),
+    Definition(Parameter::CautionTime, "LK_CAUTION_S", 16.0, 1.0, 60.0, false),
+    Definition(Parameter::WarningTime, "LK_WARNING_S", 8.0, 1.0, 60.0, false),
     Definition(Parameter::AdsbRate, "LK_ADSB_HZ", 2.0, 0.0, 5.0, false),
     Definition(Parameter::Collision, "LK_COLLISION", 1.0, 0.0, 1.0, true),
     Definition(Parameter::Text, "LK_TEXT", 1.0, 0.0, 1.0, true),

@@ -42,7 +42,7 @@ impl Blind {
     pub const GLARE: Self = Self(2);
     /// Out of focus, or smeared by motion.
     pub const BLUR: Self = Self(4);
-    /// The lens is covered, or the picture frozen.
+    /// The picture does not change: frozen, or the lens covered.
     pub const COVERED: Self = Self(8);
 
     /// Both reasons.
@@ -58,6 +58,17 @@ impl Blind {
     /// Whether there is any reason.
     pub const fn any(self) -> bool {
         self.0 != 0
+    }
+
+    /// The reasons in words.
+    pub fn reasons(self) -> impl Iterator<Item = &'static str> {
+        let words = [
+            (Self::DARK, "too dark"),
+            (Self::GLARE, "glare"),
+            (Self::BLUR, "blurred"),
+            (Self::COVERED, "covered or frozen"),
+        ];
+        words.into_iter().filter(move |(reason, _)| self.has(*reason)).map(|(_, word)| word)
     }
 
     /// The bits: 1 dark, 2 glare, 4 blur, 8 covered.

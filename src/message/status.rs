@@ -26,13 +26,13 @@ pub enum State {
 }
 
 impl State {
-    /// As system_status of HEARTBEAT: BOOT, ACTIVE, STANDBY, CRITICAL. ACTIVE only while frames are really finished.
+    /// As system_status of HEARTBEAT: BOOT, ACTIVE, CRITICAL. ACTIVE only while frames are really finished and something
+    /// could be seen in them.
     pub fn status(self) -> MavState {
         match self {
             Self::Starting => MavState::MAV_STATE_BOOT,
             Self::Watching => MavState::MAV_STATE_ACTIVE,
-            Self::Blind(_) => MavState::MAV_STATE_STANDBY,
-            Self::Stalled => MavState::MAV_STATE_CRITICAL,
+            Self::Blind(_) | Self::Stalled => MavState::MAV_STATE_CRITICAL,
         }
     }
 }

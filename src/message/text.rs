@@ -78,7 +78,7 @@ pub fn sight(stalled: bool, blind: Blind) -> STATUSTEXT_DATA {
     let (severity, words) = if stalled {
         (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: no pictures, traffic is not watched")
     } else if blind.has(Blind::COVERED) {
-        (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: camera covered, traffic is not watched")
+        (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: picture frozen, traffic is not watched")
     } else if blind.has(Blind::DARK) {
         (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: too dark, traffic is not watched")
     } else if blind.has(Blind::GLARE) {

@@ -1,6 +1,6 @@
 //! The command line: verbs and what they take.
 
-use super::{bench, doctor, eval, replay, train};
+use super::{bench, doctor, eval, replay, run, train};
 use clap::{Parser, Subcommand};
 use std::format;
 
@@ -21,6 +21,8 @@ pub enum Verb {
     Simulate(super::simulate::SimulateArgs),
     /// Find flying objects in a recorded flight, or in a simulated one
     Replay(replay::ReplayArgs),
+    /// Watch through a live camera and tell autopilot and ground station, as a service
+    Run(run::RunArgs),
     /// Measure accuracy on a folder of clips with ground truth
     Eval(eval::EvalArgs),
     /// Measure accuracy of detections in files

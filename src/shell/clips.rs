@@ -47,6 +47,19 @@ pub struct TruthBox {
     pub visibility: f64,
 }
 
+impl TruthBox {
+    /// The box in a frame of so many times the width and height.
+    pub fn scaled(&self, across: f64, down: f64) -> Self {
+        Self {
+            left: self.left * across,
+            top: self.top * down,
+            width: self.width * across,
+            height: self.height * down,
+            ..*self
+        }
+    }
+}
+
 impl GroundTruth {
     /// The boxes in `frame`, counted from 1; none in frames that `gt.txt` does not name.
     pub fn frame(&self, frame: u64) -> &[TruthBox] {

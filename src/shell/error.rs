@@ -2,6 +2,7 @@
 
 use super::clips::ClipsError;
 use super::methods::MethodName;
+use super::preview::PreviewError;
 use super::simulate::SimulateError;
 use super::source::SourceError;
 use super::tlog::TlogError;
@@ -175,6 +176,15 @@ pub enum Error {
     Interrupt {
         /// The system's reason.
         reason: String,
+    },
+    /// The page cannot be shown.
+    #[error(transparent)]
+    Preview(#[from] PreviewError),
+    /// A thread of a service cannot be started.
+    #[error("cannot start a thread: {source}; end other programs, or raise the limit of tasks")]
+    Thread {
+        /// The system's reason.
+        source: io::Error,
     },
     /// Threads cannot be started.
     #[error("cannot start {threads} threads: {reason}; try a smaller --threads")]

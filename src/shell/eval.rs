@@ -14,6 +14,8 @@ use super::source::{self, Frame, FrameSource, SourceError};
 use super::tracks::{self, ClipWatch, Figures};
 use crate::detector::Detections;
 use crate::model::Model;
+use crate::track;
+use crate::watch::Settings;
 use serde::Serialize;
 use std::boxed::Box;
 use std::cell::Cell;
@@ -55,8 +57,14 @@ impl SplitArgs {
         Ok(clips)
     }
 
-    fn watch<'a>(&self, clip: &'a Clip) -> Result<Option<ClipWatch<'a>>, Error> {
-        let watch = || ClipWatch::new(clip, !self.no_attitude, Default::default());
+    fn watch<'a>(
+        &self,
+        clip: &'a Clip,
+        model: Option<&Model<'_>>,
+    ) -> Result<Option<ClipWatch<'a>>, Error> {
+        let track = model.map(|model| track::Settings::calibrated(model.calibration()));
+        let settings = Settings { track: track.unwrap_or_default(), ..Settings::default() };
+        let watch = || ClipWatch::new(clip, !self.no_attitude, settings);
         self.tracks.then(watch).transpose()
     }
 }
@@ -288,7 +296,7 @@ pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     let score = |clip: &Clip| {
         let path = report::path_of(&args.detections, clip);
         let found = if path.exists() { detections::read_mot(&path)? } else { Vec::new() };
-        let Some(mut watch) = args.split.watch(clip)? else {
+        let Some(mut watch) = args.split.watch(clip, None)? else {
             return Ok(ClipResult { found, ..ClipResult::default() });
         };
         let frames = detections::read_json(&path.with_extension("jsonl"), watch.size)?;
@@ -320,7 +328,7 @@ fn run_clip(
     let lines = path.as_deref().map(|path| path.with_extension("jsonl"));
     let mut lines = lines.as_deref().map(TextFile::create).transpose()?;
     let mut watch = plan.map(|plan| plan.watch(clip, index));
-    let mut tracks = args.split.watch(clip)?;
+    let mut tracks = args.split.watch(clip, model)?;
     let detector = &args.detector;
     let mut each = |number, frame: &Frame, detections: &Detections| {
         let time_ms = delivered.get().elapsed().as_secs_f64() * 1e3;

@@ -1,10 +1,15 @@
-//! Ctrl-C ends a run after the frame in hand; pressed again, at once.
+//! Ctrl-C ends a run after the frame in hand; pressed again, at once. A service hears SIGHUP apart.
 
 use super::error::Error;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
+use std::io;
 use std::string::ToString;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, LazyLock};
+use std::vec::Vec;
 
-static REQUESTED: AtomicBool = AtomicBool::new(false);
+static REQUESTED: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
 
 /// The exit status of a program ended by Ctrl-C.
 pub const EXIT_STATUS: u8 = 130;
@@ -21,14 +26,47 @@ pub enum Ended {
 /// From now on Ctrl-C (and SIGTERM, SIGHUP) only sets [`requested`]; the second one ends the program.
 ///
 /// # Errors
-/// [`Error::Interrupt`] when the system refuses, or on a second call.
+/// [`Error::Interrupt`] when the system refuses.
 pub fn watch() -> Result<(), Error> {
-    ctrlc::set_handler(|| {
-        if REQUESTED.swap(true, Ordering::Relaxed) {
-            std::process::exit(EXIT_STATUS.into());
-        }
-    })
-    .map_err(|e| Error::Interrupt { reason: e.to_string() })
+    let mut signals = Vec::from([SIGINT, SIGTERM]);
+    #[cfg(unix)]
+    signals.push(signal_hook::consts::SIGHUP);
+    end_by(&signals)
+}
+
+/// Orders to a service.
+#[derive(Debug, Clone, Default)]
+pub struct Control {
+    /// To end.
+    pub stop: Arc<AtomicBool>,
+    /// To read the settings again.
+    pub reload: Arc<AtomicBool>,
+}
+
+/// The same for a service, where SIGHUP asks for a reload.
+///
+/// # Errors
+/// [`Error::Interrupt`] when the system refuses.
+pub fn watch_service() -> Result<Control, Error> {
+    end_by(&[SIGINT, SIGTERM])?;
+    let control = Control { stop: REQUESTED.clone(), ..Control::default() };
+    #[cfg(unix)]
+    flag::register(signal_hook::consts::SIGHUP, control.reload.clone()).map_err(refused)?;
+    Ok(control)
+}
+
+fn end_by(signals: &[i32]) -> Result<(), Error> {
+    for &signal in signals {
+        // The order counts: the first signal finds the flag not yet set.
+        flag::register_conditional_shutdown(signal, EXIT_STATUS.into(), REQUESTED.clone())
+            .and_then(|_| flag::register(signal, REQUESTED.clone()))
+            .map_err(refused)?;
+    }
+    Ok(())
+}
+
+fn refused(error: io::Error) -> Error {
+    Error::Interrupt { reason: error.to_string() }
 }
 
 /// Whether Ctrl-C was pressed.

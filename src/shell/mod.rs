@@ -1,35 +1,40 @@
-//! The shell: everything that needs an operating system (level 9).
+//! The shell: everything that needs an operating system (level 10).
 
 pub mod annotate;
 pub mod bench;
 pub mod camera;
 pub mod cli;
 pub mod clips;
+pub mod clock;
 pub mod detections;
 pub mod difference;
-pub mod digest;
 pub mod doctor;
 pub mod error;
 pub mod eval;
 pub mod flight;
+pub mod histogram;
 pub mod interrupt;
 pub mod judge;
 pub mod link;
 pub mod methods;
-pub mod onboard;
 pub mod parallel;
 pub mod pictures;
 pub mod pipeline;
+pub mod preview;
 pub mod ranking;
 pub mod replay;
 pub mod report;
+pub mod run;
 pub mod scaled;
 pub mod score;
 pub mod simulate;
 pub mod source;
+pub mod strip;
 pub mod telemetry;
 pub mod tlog;
 pub mod tracks;
 pub mod traffic;
 pub mod train;
 pub mod truth;
+#[cfg(target_os = "linux")]
+pub mod v4l2;

@@ -3,11 +3,9 @@
 use super::annotate::Picture;
 use super::camera::{CameraArgs, CameraFile};
 use super::detections::{self, SCORE_BITS, TextFile};
-use super::digest::Digest;
 use super::error::{Error, STDOUT};
 use super::flight::FlightArgs;
 use super::interrupt::{self, Ended};
-use super::onboard::Onboard;
 use super::pictures::Pictures;
 use super::pipeline::{self, DetectorArgs, ModelFile};
 use super::source::Frame;
@@ -16,9 +14,11 @@ use super::traffic;
 use crate::calibration::ONE;
 use crate::component::parameters::Parameters;
 use crate::detector::{Detection, Detections};
+use crate::digest::Digest;
 use crate::model::Model;
+use crate::onboard::Onboard;
+use crate::track;
 use crate::traffic::Level;
-use crate::watch::Settings;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -78,9 +78,10 @@ pub fn run(args: &ReplayArgs) -> Result<Ended, Error> {
     args.detector.min_precision = None;
     let threshold = asked.unwrap_or_else(|| default_threshold(&model));
     // A track goes on with weaker detections than are reported.
-    args.detector.threshold = Some(threshold.min(Settings::default().track.keep_score));
+    let tracks = track::Settings::calibrated(model.calibration());
+    args.detector.threshold = Some(threshold.min(tracks.keep_score));
     interrupt::watch()?;
-    pipeline::on_threads(args.threads, || replay(&args, threshold, &model))?
+    pipeline::on_threads(args.threads, || replay(&args, threshold, tracks, &model))?
 }
 
 /// A person looks at what replay reports: few of them are to be false.
@@ -90,11 +91,16 @@ fn default_threshold(model: &Model<'_>) -> i32 {
     table.threshold(PRECISION).or_else(surest).unwrap_or(THRESHOLD)
 }
 
-fn replay(args: &ReplayArgs, threshold: i32, model: &Model<'_>) -> Result<Ended, Error> {
+fn replay(
+    args: &ReplayArgs,
+    threshold: i32,
+    tracks: track::Settings,
+    model: &Model<'_>,
+) -> Result<Ended, Error> {
     let input = args.input.as_deref();
     let own = args.flight.camera(input)?;
     let mut source = args.flight.open(input)?;
-    let mut outputs = Outputs::create(args, threshold, own)?;
+    let mut outputs = Outputs::create(args, threshold, own, tracks)?;
     let bar = progress(source.frame_count());
     let mut each = |number, frame: &Frame, detections: &Detections| {
         bar.inc(1);
@@ -129,6 +135,7 @@ struct Outputs {
     threshold: i32,
     camera: (CameraArgs, Option<CameraFile>),
     telemetry: Telemetry,
+    tracks: track::Settings,
     onboard: Option<Onboard>,
     levels: BTreeMap<u16, Level>,
     mot: Option<TextFile>,
@@ -145,13 +152,19 @@ struct Outputs {
 }
 
 impl Outputs {
-    fn create(args: &ReplayArgs, threshold: i32, own: Option<CameraFile>) -> Result<Self, Error> {
+    fn create(
+        args: &ReplayArgs,
+        threshold: i32,
+        own: Option<CameraFile>,
+        tracks: track::Settings,
+    ) -> Result<Self, Error> {
         let simulated = args.flight.telemetry(args.input.as_deref());
         let create = |path: &Option<PathBuf>| path.as_deref().map(TextFile::create).transpose();
         let outputs = Self {
             threshold,
             camera: (args.camera.clone(), own),
             telemetry: Telemetry::open(&args.telemetry, simulated)?,
+            tracks,
             onboard: None,
             levels: BTreeMap::new(),
             mot: create(&args.detections)?,
@@ -180,7 +193,10 @@ impl Outputs {
             none => {
                 let (args, own) = &self.camera;
                 let camera = args.camera(frame.width, frame.height, own.as_ref())?;
-                none.insert(Onboard::new(camera, Default::default(), Parameters::default(), 0))
+                let onboard = Onboard::new(camera, Default::default(), Parameters::default(), 0);
+                let onboard = none.insert(onboard);
+                onboard.set_tracks(self.tracks);
+                onboard
             }
         };
         let now_us = frame.time_us.saturating_add(LATENCY_US);
@@ -203,7 +219,7 @@ impl Outputs {
             pictures.write(number, frame.time_us, &self.picture)?;
         }
         if let Some(digest) = &mut self.digest {
-            digest.update(found);
+            digest.update(&found.list);
         }
         if self.tell {
             for detection in &found.list {

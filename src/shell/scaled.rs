@@ -151,13 +151,7 @@ impl Scaling {
     pub fn truth(&self, truth: &TruthBox) -> TruthBox {
         let across = self.seen.0 as f64 / self.recorded.0.max(1) as f64;
         let down = self.seen.1 as f64 / self.recorded.1.max(1) as f64;
-        TruthBox {
-            left: truth.left * across,
-            top: truth.top * down,
-            width: truth.width * across,
-            height: truth.height * down,
-            ..*truth
-        }
+        truth.scaled(across, down)
     }
 }
 

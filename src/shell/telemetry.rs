@@ -3,13 +3,14 @@
 //! Everything runs on the clock of the frames: 0 is the first frame. A frame counts as finished a fixed time after it was
 //! taken, so that the same flight gives the same messages however fast the machine is.
 
+use super::clock;
 use super::error::Error;
 use super::link::signing::{self, Signing};
 use super::link::{LinkSpec, Links};
-use super::onboard::Onboard;
 use super::simulate;
 use super::tlog::{self, Reader, TlogError};
-use crate::component::{Outgoing, Trust};
+use crate::component::{Event, Outgoing, Trust};
+use crate::onboard::Onboard;
 use mavlink::MAVLinkMessageRaw;
 use std::boxed::Box;
 use std::collections::BTreeMap;
@@ -18,7 +19,7 @@ use std::io::{BufWriter, Write};
 use std::iter::{self, Peekable};
 use std::path::{Path, PathBuf};
 use std::string::String;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 use std::vec::Vec;
 
 /// Time from a frame to its detections that a replay assumes, microseconds.
@@ -63,13 +64,25 @@ fn parse_start(text: &str) -> Result<f64, &'static str> {
     seconds.ok_or("expected a number of seconds")
 }
 
-/// Signatures with the key in `path`.
-fn signing_with(path: &Path) -> Result<Signing, Error> {
+/// Signatures with the key in `path`; the signing time is kept in `path`.time.
+///
+/// # Errors
+/// [`Error::Read`].
+pub fn signing_with(path: &Path) -> Result<Signing, Error> {
     let key = signing::read_key(path).map_err(Error::read(path))?;
     let mut time = path.to_path_buf().into_os_string();
     time.push(".time");
     let time = Path::new(&time);
     Signing::new(key, Some(time), signing::clock()).map_err(Error::read(time))
+}
+
+/// Puts what happened to the component since the last call into the log.
+pub fn log_events(onboard: &mut Onboard) {
+    while let Some(event) = onboard.event() {
+        if let Event::Found { system_id, autopilot } = event {
+            tracing::info!(system_id, autopilot, "autopilot found");
+        }
+    }
 }
 
 type Feed = Box<dyn Iterator<Item = Result<(i64, MAVLinkMessageRaw), TlogError>>>;
@@ -111,10 +124,7 @@ impl Telemetry {
                 let frames = simulated.map(|(time, raw)| Ok((time, MAVLinkMessageRaw::V2(raw))));
                 (simulate::START_US, Box::new(frames))
             }
-            (None, None) => {
-                let now = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default();
-                (i64::try_from(now.as_micros()).unwrap_or(0), Box::new(iter::empty()))
-            }
+            (None, None) => (clock::unix_us(), Box::new(iter::empty())),
         };
         let create = |path: &PathBuf| {
             let file = File::create(path).map_err(Error::write(path))?;
@@ -141,6 +151,7 @@ impl Telemetry {
             self.now_us = (self.now_us + TICK_US).min(to_us);
             self.hear(onboard)?;
             self.wait(onboard);
+            log_events(onboard);
             while let Some(message) = onboard.poll(self.now_us) {
                 self.say(&message)?;
             }

@@ -8,12 +8,15 @@ LOOKOUT is the program. Ends with a line for every check; the exit status says w
 import json
 import math
 import os
+import select
+import socket
 import struct
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+import tty
 
 os.environ["MAVLINK20"] = "1"
 from pymavlink import mavutil  # noqa: E402
@@ -211,11 +214,27 @@ def check_services():
     mav.command_long_send(US, COMPONENT, mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 0, 0)
     ack = station.until(lambda m: m.get_type() == "COMMAND_ACK" and m.command == mavlink.MAV_CMD_NAV_TAKEOFF, 3)
     assert ack.result == mavlink.MAV_RESULT_UNSUPPORTED and ack.target_system == STATION, ack
-    station.until(lambda m: False, 0.1)
+    asked = time.time_ns()
+    mav.timesync_send(0, asked)
+    answer = station.until(lambda m: m.get_type() == "TIMESYNC" and m.ts1 == asked, 3)
+    assert answer and answer.tc1 > 0, answer
+    mav.command_long_send(US, COMPONENT, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 251, 200_000, 0, 0, 0, 0, 0)
+    ack = station.until(lambda m: m.get_type() == "COMMAND_ACK" and m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 3)
+    assert ack.result == mavlink.MAV_RESULT_ACCEPTED, ack
+    before = len(station.heard)
+
+    def boots():
+        named = of(station.heard[before:], "NAMED_VALUE_FLOAT")
+        return [m.time_boot_ms for m in named if m.name == "LK_FPS"]
+
+    # By the lookout's own clock: a machine that is slower than the flight stretches the time of the wall.
+    assert station.until(lambda _: len(boots()) == 5, 15), boots()
+    steps = [b - a for a, b in zip(boots()[1:], boots()[2:])]
+    assert all(180 <= step <= 220 for step in steps), steps
     flight.kill()
     flight.wait()
     station.link.close()
-    return f"{len(found)} parameters"
+    return f"{len(found)} parameters, LK_FPS every {steps} ms when asked for 200"
 
 
 def check_signing():
@@ -229,23 +248,59 @@ def check_signing():
     first = station.until(lambda m: m.get_type() == "HEARTBEAT", 30)
     assert first and first.get_signed(), first
     mav = station.link.mav
-    # Unsigned: no echo of the new value. The plain MAVLink object shares the socket, not the key.
-    plain = mavlink.MAVLink(station.link, STATION, 1)
-    plain.param_set_send(US, COMPONENT, b"LK_WINGSPAN", 7.5, mavlink.MAV_PARAM_TYPE_REAL32)
 
     def wingspan(m):
         return m.get_type() == "PARAM_VALUE" and m.param_id == "LK_WINGSPAN" and m.param_value
 
-    refused = station.until(lambda m: wingspan(m) == 7.5, 0.7)
-    assert refused is None, refused
+    # Unsigned and wrongly signed: no echo of the new value. These share the socket, not the key.
+    for wrong in (None, bytes(range(1, 33))):
+        other = mavlink.MAVLink(station.link, STATION, 1)
+        other.signing.secret_key, other.signing.sign_outgoing = wrong, wrong is not None
+        other.signing.timestamp = mav.signing.timestamp + 1000
+        other.param_set_send(US, COMPONENT, b"LK_WINGSPAN", 7.5, mavlink.MAV_PARAM_TYPE_REAL32)
+        other.command_long_send(US, COMPONENT, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, 148, 0, 0, 0, 0, 0, 0)
+        taken = station.until(lambda m: wingspan(m) == 7.5 or m.get_type() == "AUTOPILOT_VERSION", 0.7)
+        assert taken is None, taken
     mav.param_set_send(US, COMPONENT, b"LK_WINGSPAN", 3.5, mavlink.MAV_PARAM_TYPE_REAL32)
     assert station.until(lambda m: wingspan(m) == 3.5, 3)
     flight.kill()
     flight.wait()
     assert all(m.get_signed() for m in station.heard)
-    assert int(open(path("key") + ".time").read()) > 0
     station.link.close()
+    # A board without a clock of its own: signatures go on from the time that was kept, here a day ahead.
+    ahead = int(open(path("key") + ".time").read()) + 24 * 3600 * 100_000
+    with open(path("key") + ".time", "w") as file:
+        file.write(str(ahead))
+    place = port()
+    receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    receiver.bind(("127.0.0.1", place))
+    receiver.settimeout(30)
+    flight = lookout(*REPLAY, "--link", f"udpout:127.0.0.1:{place}", "--signing-key", path("key"))
+    stamp = int.from_bytes(receiver.recv(300)[-12:-6], "little")
+    flight.kill()
+    flight.wait()
+    receiver.close()
+    assert stamp >= ahead, (stamp, ahead)
     return f"{len(station.heard)} frames, all signed"
+
+
+def check_serial():
+    """The same bytes over a serial line: a pair of pseudo-terminals."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    flight = lookout(*REPLAY, "--link", f"serial:{os.ttyname(theirs)}:57600")
+    parser = mavlink.MAVLink(None)
+    heard, end = [], time.time() + 30
+    while len(of(heard, "HEARTBEAT")) < 2 and time.time() < end:
+        if select.select([ours], [], [], 0.2)[0]:
+            heard += parser.parse_buffer(os.read(ours, 4096)) or []
+    flight.kill()
+    flight.wait()
+    os.close(ours)
+    os.close(theirs)
+    assert not of(heard, "BAD_DATA"), heard
+    assert len(of(heard, "HEARTBEAT")) == 2, heard
+    return f"{len(heard)} messages"
 
 
 def check_mavsdk():
@@ -334,7 +389,7 @@ def check_doctor():
 
 
 failed = 0
-for check in (check_flight, check_log, check_foreign_log, check_services, check_signing, check_mavsdk, check_doctor):
+for check in (check_flight, check_log, check_foreign_log, check_services, check_signing, check_serial, check_mavsdk, check_doctor):
     start = time.time()
     try:
         result = check()

@@ -196,7 +196,7 @@ fn the_heartbeat_tells_a_stop_of_frames_within_a_second() {
     flight.sent.clear();
     flight.fly(1.0);
     let last = flight.of::<HEARTBEAT_DATA>().pop().unwrap().2;
-    assert_eq!((last.system_status as u8, last.custom_mode), (3, 2));
+    assert_eq!((last.system_status as u8, last.custom_mode), (5, 2));
 }
 
 #[test]

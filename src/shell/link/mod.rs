@@ -16,32 +16,27 @@ mod worker;
 pub use spec::LinkSpec;
 
 use crate::component::{Destination, Outgoing, Trust};
+use crate::shell::histogram::Histogram;
 use budget::Budget;
-use mavlink::{MAVLinkMessageRaw, consts};
+use crossbeam_channel::{Receiver, Sender, bounded};
+use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, consts};
 use signing::Signing;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use std::vec::Vec;
 use worker::{Shared, Worker};
 
 /// Frames heard that wait to be taken; more are lost and counted.
 const HEARD: usize = 1024;
 
-/// Microseconds since this was first asked: a clock that never goes back.
-pub fn now_us() -> i64 {
-    static START: OnceLock<Instant> = OnceLock::new();
-    START.get_or_init(Instant::now).elapsed().as_micros() as i64
-}
-
 /// A frame that arrived.
 pub struct Inbound {
     /// Index of the link it came over.
     pub link: u8,
-    /// When it came, by [`now_us`].
+    /// When it came, by [`crate::shell::clock::now_us`].
     pub time_us: i64,
     /// What its signature is worth.
     pub trust: Trust,
@@ -80,7 +75,10 @@ struct Link {
 /// The open links; dropped, their threads end.
 pub struct Links {
     links: Vec<Link>,
+    /// Kept, so that the channel lives without links too.
+    heard: Sender<Inbound>,
     inbound: Receiver<Inbound>,
+    sent: Arc<Mutex<Histogram>>,
     signing: Option<Arc<Mutex<Signing>>>,
     stop: Arc<AtomicBool>,
 }
@@ -93,26 +91,39 @@ impl Links {
 
     /// The same; with `signing` every frame sent is signed, and those heard are judged by their signatures.
     pub fn open_signed(specs: &[LinkSpec], signing: Option<Signing>) -> Self {
-        let (sender, inbound) = sync_channel(HEARD);
-        let stop = Arc::new(AtomicBool::new(false));
+        let (heard, inbound) = bounded(HEARD);
         let signing = signing.map(|signing| Arc::new(Mutex::new(signing)));
-        let mut links = Vec::new();
+        let (stop, sent) = (Arc::default(), Arc::default());
+        let mut links = Self { links: Vec::new(), heard, inbound, sent, signing, stop };
+        links.start(specs);
+        links
+    }
+
+    /// Ends these links and starts others in their place; who listens hears those.
+    pub fn reopen(&mut self, specs: &[LinkSpec]) {
+        self.end();
+        self.stop = Arc::default();
+        self.start(specs);
+    }
+
+    fn start(&mut self, specs: &[LinkSpec]) {
         for (index, spec) in (0..u8::MAX).zip(specs) {
             let shared = Arc::<Shared>::default();
             let worker = Worker {
                 index,
                 spec: spec.clone(),
                 shared: shared.clone(),
-                stop: stop.clone(),
-                signing: signing.clone(),
-                inbound: sender.clone(),
+                stop: self.stop.clone(),
+                signing: self.signing.clone(),
+                inbound: self.heard.clone(),
+                sent: self.sent.clone(),
             };
             let name = std::format!("link {index}");
             let thread = thread::Builder::new().name(name).spawn(move || worker.run());
             if let Err(error) = &thread {
                 tracing::error!("link {spec}: no thread for it: {error}");
             }
-            links.push(Link {
+            self.links.push(Link {
                 spec: spec.clone(),
                 shared,
                 budget: Budget::new(spec.bytes_per_second),
@@ -122,12 +133,23 @@ impl Links {
                 thread: thread.ok(),
             });
         }
-        Self { links, inbound, signing, stop }
     }
 
     /// Sends `message` where it is to go. Never waits for a link: what goes beyond a link's budget is left out unless
     /// urgent, and a full queue loses its oldest frame; both are counted.
     pub fn send(&mut self, message: &Outgoing, now_us: i64) {
+        self.send_about(message, now_us, None);
+    }
+
+    /// The same for a message about the picture taken at `exposed_us`: see [`Links::latency`]. Gives the frame as the first
+    /// link got it.
+    pub fn send_about(
+        &mut self,
+        message: &Outgoing,
+        now_us: i64,
+        exposed_us: Option<i64>,
+    ) -> Option<MAVLinkV2MessageRaw> {
+        let mut first = None;
         for (index, link) in (0..u8::MAX).zip(&mut self.links) {
             if !matches!(message.to, Destination::All) && message.to != Destination::Link(index) {
                 continue;
@@ -154,21 +176,30 @@ impl Links {
             }
             *sequence = sequence.wrapping_add(1);
             link.sent = link.sent.saturating_add(1);
-            link.shared.queue.push(frame.raw_bytes());
+            link.shared.queue.push(frame.raw_bytes(), exposed_us);
+            first.get_or_insert(frame);
         }
+        first
     }
 
     /// The next frame that arrived, waiting at most `timeout` for it.
     pub fn receive(&mut self, timeout: Duration) -> Option<Inbound> {
-        match self.inbound.recv_timeout(timeout) {
-            Ok(inbound) => Some(inbound),
-            Err(RecvTimeoutError::Timeout) => None,
-            // No thread lives: the caller's loop shall not become a busy one.
-            Err(RecvTimeoutError::Disconnected) => {
-                thread::sleep(timeout);
-                None
-            }
-        }
+        self.inbound.recv_timeout(timeout).ok()
+    }
+
+    /// Where frames that arrived wait, for those who wait for other things too.
+    pub fn inbound(&self) -> &Receiver<Inbound> {
+        &self.inbound
+    }
+
+    /// For others who have frames to be heard, as a simulated vehicle.
+    pub fn heard(&self) -> &Sender<Inbound> {
+        &self.heard
+    }
+
+    /// Times from the exposure of a frame to the last byte sent about it, over all links, in microseconds.
+    pub fn latency(&self) -> Histogram {
+        self.sent.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// The links as they were asked for.
@@ -190,13 +221,19 @@ impl Links {
     }
 }
 
-impl Drop for Links {
-    fn drop(&mut self) {
+impl Links {
+    fn end(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        for thread in self.links.iter_mut().filter_map(|link| link.thread.take()) {
+        for thread in self.links.drain(..).filter_map(|link| link.thread) {
             // A thread that panicked has said so.
             let _ = thread.join();
         }
+    }
+}
+
+impl Drop for Links {
+    fn drop(&mut self) {
+        self.end();
     }
 }
 

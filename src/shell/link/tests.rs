@@ -6,6 +6,7 @@ use mavlink::dialects::ardupilotmega::{MavMessage, SYSTEM_TIME_DATA};
 use proptest::prelude::*;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
+use std::time::Instant;
 
 const WAIT: Duration = Duration::from_secs(20);
 

@@ -3,14 +3,16 @@
 use super::queue::Queue;
 use super::signing::{self, Signing};
 use super::transport::{Transport, is_idle};
-use super::{Inbound, LinkSpec, now_us};
+use super::{Inbound, LinkSpec};
 use crate::component::Trust;
+use crate::shell::clock::now_us;
+use crate::shell::histogram::Histogram;
+use crossbeam_channel::Sender;
 use mavlink::MavlinkReader;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use mavlink::error::MessageReadError;
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::mpsc::SyncSender;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -45,7 +47,8 @@ pub struct Worker {
     pub shared: Arc<Shared>,
     pub stop: Arc<AtomicBool>,
     pub signing: Option<Arc<Mutex<Signing>>>,
-    pub inbound: SyncSender<Inbound>,
+    pub inbound: Sender<Inbound>,
+    pub sent: Arc<Mutex<Histogram>>,
 }
 
 impl Worker {
@@ -111,9 +114,13 @@ impl Worker {
                     Err(MessageReadError::Parse(_)) => break,
                 }
             }
-            while let Some(frame) = self.shared.queue.pop() {
+            while let Some((frame, exposed_us)) = self.shared.queue.pop() {
                 if let Err(error) = reader.get_mut().send(&frame) {
                     return error;
+                }
+                if let Some(exposed_us) = exposed_us {
+                    let mut sent = self.sent.lock().unwrap_or_else(PoisonError::into_inner);
+                    sent.add(now_us() - exposed_us);
                 }
             }
             if self.stopped() {

@@ -1,20 +1,21 @@
 //! A folder of pictures, one frame each.
 
-use super::{Frame, FrameSource, SourceError, frame_time_us, has_extension};
+use super::{Frame, FrameSource, SourceError, frame_time_us, has_extension, times};
 use core::cmp::Ordering;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::vec::Vec;
 
 const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "pgm"];
-/// Pictures carry no time: frames a second as a fraction.
+/// Pictures carry no time; without `times.csv`: frames a second as a fraction.
 const RATE: (u32, u32) = (30, 1);
 
 /// The PNG, JPEG and PGM pictures of a folder in natural order (`2.png` before `10.png`), at 30
-/// frames a second; colour is converted to luma.
+/// frames a second or at the times of a recording; colour is converted to luma.
 #[derive(Debug)]
 pub struct Folder {
     pictures: Vec<PathBuf>,
+    times: Option<Vec<i64>>,
     next: usize,
     size: Option<(usize, usize)>,
 }
@@ -23,7 +24,8 @@ impl Folder {
     /// Lists the pictures of `folder`; files of other kinds and hidden ones are left out.
     ///
     /// # Errors
-    /// [`SourceError::Open`] when it cannot be listed, [`SourceError::NoPictures`] when there is none.
+    /// [`SourceError::Open`] when it cannot be listed, [`SourceError::NoPictures`] when there is none,
+    /// [`SourceError::Times`].
     pub fn new(folder: &Path) -> Result<Self, SourceError> {
         let failed = |source| SourceError::Open { path: folder.into(), source };
         let mut pictures = Vec::new();
@@ -40,7 +42,8 @@ impl Folder {
             let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_os_string();
             natural_order(name(a).as_encoded_bytes(), name(b).as_encoded_bytes())
         });
-        Ok(Self { pictures, next: 0, size: None })
+        let times = times::read(folder, &pictures)?;
+        Ok(Self { pictures, times, next: 0, size: None })
     }
 }
 
@@ -61,7 +64,10 @@ impl FrameSource for Folder {
             return Err(SourceError::Size { path: path.clone(), frame: number, size, expected });
         }
         (frame.width, frame.height) = size;
-        frame.time_us = frame_time_us(self.next as u64, RATE);
+        frame.time_us = match &self.times {
+            Some(times) => times[self.next],
+            None => frame_time_us(self.next as u64, RATE),
+        };
         frame.pixels = picture.into_raw();
         self.next += 1;
         Ok(true)

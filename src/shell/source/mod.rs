@@ -2,6 +2,7 @@
 
 mod folder;
 mod simulated;
+mod times;
 mod video;
 mod y4m;
 
@@ -10,6 +11,7 @@ pub(crate) use folder::is_picture;
 pub use simulated::Simulated;
 pub use video::Video;
 pub use y4m::Y4m;
+pub(crate) use y4m::expand;
 
 use crate::image::Image;
 use crate::shell::clips;
@@ -28,7 +30,7 @@ pub struct Frame {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// When it was taken, microseconds since the first frame.
+    /// When it was taken, microseconds since the first frame; of a live camera by the system's monotonic clock.
     pub time_us: i64,
 }
 
@@ -128,6 +130,16 @@ pub enum SourceError {
     NoPictures {
         /// The folder.
         path: PathBuf,
+    },
+    /// Times of pictures that are not understood.
+    #[error("{} line {line}: {reason}; without this file the pictures count as 30 a second", path.display())]
+    Times {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong.
+        reason: String,
     },
     /// A stream without a frame.
     #[error("{name}: no frame in it; check how it was recorded")]

@@ -212,7 +212,7 @@ fn parse_rate(value: &str) -> Result<(u32, u32), String> {
 }
 
 /// Limited-range luma (16 black, 235 white) to full range, rounded.
-fn expand(luma: u8) -> u8 {
+pub(crate) fn expand(luma: u8) -> u8 {
     let above = u32::from(luma.clamp(16, 235)) - 16;
     ((above * 255 + 109) / 219) as u8
 }

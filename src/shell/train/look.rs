@@ -69,17 +69,11 @@ impl Look {
     /// A box of a frame `width` pixels wide as shown.
     pub fn truth(&self, truth: &TruthBox, width: usize) -> TruthBox {
         let scale = |step: u32| 65536.0 / f64::from(step);
-        let (across, down) = (scale(self.steps.0), scale(self.steps.1));
+        let truth = truth.scaled(scale(self.steps.0), scale(self.steps.1));
         // The mirror is that of the shown frame, whose width is rounded down.
         let shown = pyramid::resized(width, self.steps.0) as f64;
-        let left = truth.left * across;
-        TruthBox {
-            left: if self.mirrored { shown - left - truth.width * across } else { left },
-            top: truth.top * down,
-            width: truth.width * across,
-            height: truth.height * down,
-            ..*truth
-        }
+        let left = if self.mirrored { shown - truth.left - truth.width } else { truth.left };
+        TruthBox { left, ..truth }
     }
 }
 

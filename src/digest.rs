@@ -1,6 +1,6 @@
-//! One number for all detections of a flight, to compare machines by.
+//! One number for all detections of a flight, to compare machines by (level 2).
 
-use crate::detector::Detections;
+use crate::detection::Detection;
 use crc::{CRC_64_XZ, Crc, Table};
 
 static CRC: Crc<u64, Table<1>> = Crc::<u64, Table<1>>::new(&CRC_64_XZ);
@@ -24,10 +24,10 @@ impl Default for Digest {
 }
 
 impl Digest {
-    /// Takes in the next frame.
-    pub fn update(&mut self, detections: &Detections) {
-        self.0.update(&(detections.list.len() as u32).to_le_bytes());
-        for d in &detections.list {
+    /// Takes in the detections of the next frame.
+    pub fn update(&mut self, detections: &[Detection]) {
+        self.0.update(&(detections.len() as u32).to_le_bytes());
+        for d in detections {
             let rect = [d.rect.x, d.rect.y, d.rect.width, d.rect.height].map(|v| v.to_bits());
             let shifts = d.shifts.iter().flat_map(|s| [s.x.to_bits(), s.y.to_bits()]);
             for v in rect.into_iter().chain([d.score]).chain(shifts) {
@@ -45,17 +45,12 @@ impl Digest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detector::Detection;
     use std::vec::Vec;
 
     #[test]
     fn equals_the_crc_of_the_bytes_and_sees_frame_borders() {
         let detection =
             Detection { rect: Default::default(), score: -2, shifts: Default::default() };
-        let mut one = Detections::default();
-        one.list.push(detection).unwrap();
-        let none = Detections::default();
-
         let mut bytes = Vec::new();
         bytes.extend(1u32.to_le_bytes());
         bytes.extend([0; 16]);
@@ -64,13 +59,13 @@ mod tests {
         bytes.extend(0u32.to_le_bytes());
 
         let mut first = Digest::default();
-        first.update(&one);
-        first.update(&none);
+        first.update(&[detection]);
+        first.update(&[]);
         assert_eq!(first.value(), CRC.checksum(&bytes));
 
         let mut second = Digest::default();
-        second.update(&none);
-        second.update(&one);
+        second.update(&[]);
+        second.update(&[detection]);
         assert_ne!(first.value(), second.value());
     }
 }

@@ -1,0 +1,191 @@
+//! The lookout behind its detector: tracks, threat and MAVLink component on one clock, that of the frames (level 9).
+//!
+//! Without I/O: a recorded flight, a live one and a board without an operating system run the same code.
+
+use crate::angle::Real;
+use crate::attitudes::Attitudes;
+use crate::camera::Camera;
+use crate::component::parameters::{Parameter, Parameters};
+use crate::component::{Component, Config, Event, Outgoing, Trust};
+use crate::detector::Detections;
+use crate::geometry::Attitude;
+use crate::message::{Blind, Health};
+use crate::track;
+use crate::traffic::{MAX_TRAFFIC, Traffic};
+use crate::watch::{Settings, Watch};
+use mavlink::MAVLinkMessageRaw;
+
+/// Bits after the point of a quaternion's numbers.
+const QUATERNION_BITS: u32 = 30;
+
+/// Events that wait to be taken.
+const EVENTS: usize = 8;
+
+/// Watches one camera's detections and speaks MAVLink about them.
+#[derive(Debug)]
+pub struct Onboard {
+    tracks: track::Settings,
+    watch: Watch,
+    attitudes: Attitudes,
+    component: Component,
+    health: Health,
+    events: heapless::Deque<Event, EVENTS>,
+}
+
+impl Onboard {
+    /// Has heard and seen nothing yet.
+    pub fn new(camera: Camera, config: Config, parameters: Parameters, now_us: i64) -> Self {
+        let tracks = track::Settings::default();
+        Self {
+            tracks,
+            watch: Watch::new(settings(tracks, &parameters), camera),
+            attitudes: Attitudes::new(),
+            component: Component::new(config, parameters, now_us),
+            health: Health::default(),
+            events: heapless::Deque::new(),
+        }
+    }
+
+    /// Makes tracks by other settings, such as those for the scores of the model in use
+    /// ([`track::Settings::calibrated`]).
+    pub fn set_tracks(&mut self, tracks: track::Settings) {
+        self.tracks = tracks;
+        self.watch.set(settings(tracks, self.component.parameters()));
+    }
+
+    /// Hears a frame that came over `link` at `now_us`.
+    pub fn hear(&mut self, link: u8, frame: &MAVLinkMessageRaw, trust: Trust, now_us: i64) {
+        self.component.receive(link, frame, trust, now_us);
+        self.heed();
+    }
+
+    /// Looks through another camera from now on; every track ends.
+    pub fn set_camera(&mut self, camera: Camera) {
+        self.watch = Watch::new(settings(self.tracks, self.component.parameters()), camera);
+    }
+
+    /// Takes how many frames were left out since the start, and why nothing can be seen, if so; told with the next frame.
+    pub fn report(&mut self, dropped: u32, blind: Blind) {
+        self.health.dropped = dropped;
+        self.health.blind = blind;
+    }
+
+    /// Takes what the detector found in the frame taken at `time_us` and finished at `now_us`; gives the objects that are
+    /// followed.
+    pub fn see(
+        &mut self,
+        found: &Detections,
+        time_us: i64,
+        now_us: i64,
+    ) -> heapless::Vec<Traffic, MAX_TRAFFIC> {
+        let traffic = self.watch.update(&found.list, time_us, &found.motion, &self.attitudes);
+        self.health.frames = self.health.frames.wrapping_add(1);
+        let latency = now_us.saturating_sub(time_us).max(0);
+        self.health.latency_us = u32::try_from(latency).unwrap_or(u32::MAX);
+        self.component.observe(&traffic, self.health, time_us, now_us);
+        traffic
+    }
+
+    /// The next message to send; to be called until there is none, every 20 ms or so.
+    pub fn poll(&mut self, now_us: i64) -> Option<Outgoing> {
+        let message = self.component.poll(now_us);
+        self.heed();
+        message
+    }
+
+    /// The attitude of the vehicle at `time_us`, where it is known.
+    pub fn attitude(&self, time_us: i64) -> Option<Attitude> {
+        self.attitudes.at(time_us)
+    }
+
+    /// The camera.
+    pub fn camera(&self) -> &Camera {
+        self.watch.camera()
+    }
+
+    /// The next thing that happened, oldest first; attitudes are not told, and of too many events the oldest are lost.
+    pub fn event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    /// The component, to look at.
+    pub fn component(&self) -> &Component {
+        &self.component
+    }
+
+    fn heed(&mut self) {
+        while let Some(event) = self.component.event() {
+            match event {
+                Event::Attitude { time_us, quaternion } => {
+                    let real =
+                        |bits: i32| Real::from_bits(i64::from(bits) << (32 - QUATERNION_BITS));
+                    if let Some(attitude) = Attitude::new(quaternion.map(real)) {
+                        self.attitudes.push(time_us, attitude);
+                    }
+                    continue;
+                }
+                Event::Restarted | Event::Lost => self.attitudes.clear(),
+                Event::Parameter(_) => {
+                    self.watch.set(settings(self.tracks, self.component.parameters()));
+                }
+                Event::Found { .. } => {}
+            }
+            if self.events.is_full() {
+                self.events.pop_front();
+            }
+            // There is room now.
+            let _ = self.events.push_back(event);
+        }
+    }
+}
+
+/// How tracks are made and judged under these parameters.
+fn settings(tracks: track::Settings, parameters: &Parameters) -> Settings {
+    let real = |parameter| Real::from(parameters.get(parameter));
+    let mut settings = Settings { track: tracks, ..Settings::default() };
+    let surer = parameters.get(Parameter::Threshold).to_bits();
+    settings.track.start_score = tracks.start_score.saturating_add(surer);
+    settings.track.keep_score = tracks.keep_score.saturating_add(surer);
+    settings.threat.wingspan = real(Parameter::Wingspan);
+    settings.threat.caution_time = real(Parameter::CautionTime);
+    settings.threat.warning_time = real(Parameter::WarningTime);
+    settings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::message::{self, Payload};
+    use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavAutopilot};
+
+    #[test]
+    fn the_parameters_defaults_are_those_of_the_tracker() {
+        let tracks = track::Settings::default();
+        assert_eq!(settings(tracks, &Parameters::default()), Settings::default());
+    }
+
+    #[test]
+    fn the_threshold_moves_the_scores_of_the_model() {
+        let tracks = track::Settings { start_score: -9, keep_score: -20, ..Default::default() };
+        let mut parameters = Parameters::default();
+        assert!(parameters.set(Parameter::Threshold, 1.0));
+        let moved = settings(tracks, &parameters).track;
+        assert_eq!((moved.start_score, moved.keep_score), ((1 << 16) - 9, (1 << 16) - 20));
+    }
+
+    #[test]
+    fn an_autopilot_is_told_of_once() {
+        let camera = Camera::from_field_of_view(64, 48, Real::ONE).unwrap();
+        let mut onboard = Onboard::new(camera, Config::default(), Parameters::default(), 0);
+        let heartbeat = HEARTBEAT_DATA {
+            autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
+            ..message::status::heartbeat(onboard.component().state())
+        };
+        let frame = MAVLinkMessageRaw::V2(Payload::new(&heartbeat).frame(7, 1, 0, false));
+        for now_us in [0, 1_000_000] {
+            onboard.hear(0, &frame, Trust::Open, now_us);
+        }
+        assert_eq!(onboard.event(), Some(Event::Found { system_id: 7, autopilot: 12 }));
+        assert_eq!(onboard.event(), None);
+    }
+}

@@ -1,0 +1,281 @@
+"use strict";
+
+// Milliseconds.
+const STATE_EVERY = 200, PICTURE_EVERY = 100, STALE = 2000;
+// A picture may take its time over a slow link; a state that late is asked for again.
+const STATE_WITHIN = 3000, PICTURE_WITHIN = 9000;
+const LEVELS = { none: "No alert", traffic: "Traffic", caution: "Caution", warning: "Warning" };
+const URGENCY = Object.keys(LEVELS);
+const STATES = { starting: "starting", watching: "watching", blind: "blind", camera_gone: "camera gone" };
+
+const $ = (id) => document.getElementById(id);
+const sleep = (time) => new Promise((wake) => setTimeout(wake, time));
+const seconds = (time) => `${Math.floor(time / 1000)} s`;
+
+// The last answer, and when it came; nothing yet.
+let state = null, heard = performance.now(), refused = false;
+let pictured = null, tag = "";
+
+// The token comes with the address once, and is out of sight from then on.
+const given = new URLSearchParams(location.search).get("token");
+if (given !== null) {
+  sessionStorage.setItem("token", given);
+  history.replaceState(null, "", location.pathname);
+}
+
+// The answer with its content as `read` takes it; null where there is none: the age of what is shown tells that.
+async function ask(path, headers, within, read) {
+  const token = sessionStorage.getItem("token");
+  if (token) headers.Authorization = `Bearer ${token}`;
+  try {
+    const answer = await fetch(path, { headers, cache: "no-store", signal: AbortSignal.timeout(within) });
+    refused = answer.status === 401;
+    return answer.status === 200 ? { headers: answer.headers, content: await read(answer) } : null;
+  } catch {
+    return null;
+  }
+}
+
+// Asks again and again, one question at a time: a slow link gets fewer answers, none of them late.
+async function repeat(every, question) {
+  for (;;) {
+    const start = performance.now();
+    try {
+      if (!refused) await question();
+    } catch (error) {
+      console.error(error);
+    }
+    await sleep(Math.max(start + every - performance.now(), 20));
+  }
+}
+
+async function askState() {
+  const answer = await ask("state.json", {}, STATE_WITHIN, (answer) => answer.json());
+  if (answer) {
+    state = answer.content;
+    heard = performance.now();
+  }
+  show();
+}
+
+async function askPicture() {
+  if (document.hidden || !state) return;
+  const known = tag ? { "If-None-Match": tag } : {};
+  const answer = await ask("frame.jpg", known, PICTURE_WITHIN, (answer) => answer.blob());
+  if (!answer) return;
+  const bitmap = await createImageBitmap(answer.content);
+  tag = answer.headers.get("ETag");
+  pictured = performance.now();
+  const canvas = $("picture");
+  canvas.width = bitmap.width;
+  canvas.height = bitmap.height;
+  canvas.getContext("2d").drawImage(bitmap, 0, 0);
+  bitmap.close();
+  showBoxes(JSON.parse(answer.headers.get("Lookout-Tracks")), canvas);
+}
+
+// Elements that stay as they are are left alone: a reader of the screen says what changes.
+function say(id, text) {
+  const element = $(id);
+  if (element.textContent !== text) element.textContent = text;
+}
+
+function make(name, attributes = {}, ...children) {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  element.append(...children);
+  return element;
+}
+
+// Text that stays on one line.
+function span(text) {
+  const element = document.createElement("span");
+  element.textContent = text;
+  return element;
+}
+
+function chip(level, text) {
+  const element = span(text);
+  element.className = "chip";
+  element.dataset.level = level;
+  return element;
+}
+
+function rows(id, list) {
+  const body = $(id).tBodies[0];
+  body.replaceChildren(...list.map((cells) => {
+    const row = document.createElement("tr");
+    cells.forEach((cell, i) => {
+      const element = row.insertCell();
+      element.className = $(id).tHead.rows[0].cells[i].className;
+      element.append(...[cell].flat());
+    });
+    return row;
+  }));
+}
+
+// What is not known, or no number, comes as null.
+const number = (value, digits, unit) => value === null ? "–" : `${value.toFixed(digits)}${unit}`;
+const metres = (range) => number(range, range !== null && range < 10 ? 1 : 0, " m");
+const side = (angle, positive, negative) =>
+  angle === null ? "–" : `${number(Math.abs(angle), 1, "°")} ${angle < 0 ? negative : positive}`;
+const bearing = (track) =>
+  [side(track.azimuth_deg, "right", "left"), side(track.elevation_deg, "up", "down")];
+const urgent = (a, b) => URGENCY.indexOf(b.level) - URGENCY.indexOf(a.level)
+  || (a.time_to_contact_s ?? Infinity) - (b.time_to_contact_s ?? Infinity) || a.id - b.id;
+
+function inWords(track) {
+  const parts = [`Object ${track.id}: ${bearing(track).join(", ")}`];
+  if (track.range_m !== null) parts.push(`about ${metres(track.range_m)}`);
+  if (track.time_to_contact_s !== null) parts.push(`contact in ${number(track.time_to_contact_s, 1, " s")}`);
+  return parts.join(", ");
+}
+
+// What is wrong, in words, and whether what is shown is still true.
+function fault() {
+  const silent = performance.now() - heard;
+  if (refused) return { old: true, text: sessionStorage.getItem("token") ? "Wrong token." : "This page asks for a token." };
+  if (silent > STALE) {
+    const shown = state ? "What is shown is old." : "Nothing was heard yet.";
+    return { old: true, text: `No connection for ${seconds(silent)}. ${shown}` };
+  }
+  if (!state) return null;
+  const { age_ms, health } = state;
+  if (health.state === "starting") return { old: false, text: "Starting: no frame yet." };
+  if (age_ms + silent > STALE) {
+    return { old: true, text: `The lookout stands still: nothing new for ${seconds(age_ms + silent)}.` };
+  }
+  if (health.state === "camera_gone") return { old: false, text: "Camera gone: no pictures come." };
+  if (health.state === "blind" || health.blind.length) {
+    return { old: false, text: `Blind: ${health.blind.join(", ") || "nothing can be seen"}.` };
+  }
+  return null;
+}
+
+function showAlert() {
+  const trouble = fault();
+  const tracks = state ? [...state.tracks].sort(urgent) : [];
+  let level = state?.level ?? "unknown";
+  let word = LEVELS[level] ?? "Connecting";
+  let detail = tracks.length ? inWords(tracks[0]) : state ? "No object followed." : "";
+  if (trouble?.old) [level, word, detail] = ["unknown", "Unknown", ""];
+  // No object is no good news where nothing can be seen.
+  else if (trouble && level === "none") [level, word, detail] = ["unknown", "Not watching", ""];
+  $("banner").dataset.level = level;
+  say("level", word);
+  say("detail", detail);
+  $("fault").hidden = !trouble;
+  say("fault", trouble?.text ?? "");
+  $("all").classList.toggle("old", Boolean(trouble?.old));
+  $("all").hidden = refused;
+  $("key").hidden = !refused;
+  const title = `${word} – Lookout`;
+  if (document.title !== title) document.title = title;
+  const age = pictured === null ? null : performance.now() - pictured;
+  say("caption", age === null ? "No picture yet" : age > STALE ? `No new picture for ${seconds(age)}` : "");
+}
+
+function show() {
+  showAlert();
+  if (!state) return;
+  const { tracks, health, latency, links } = state;
+  rows("objects", [...tracks].sort(urgent).map((track) => [
+    [String(track.id), chip(track.level, track.level === "none" ? "followed" : track.level)],
+    [span(`${bearing(track)[0]},`), " ", span(bearing(track)[1])],
+    span(metres(track.range_m)),
+    span(number(track.time_to_contact_s, 1, " s")),
+    number(track.score, 2, ""),
+  ]));
+  $("objects").hidden = !tracks.length;
+  $("nothing").hidden = Boolean(tracks.length);
+  say("state", STATES[health.state]);
+  say("camera", health.camera || "–");
+  say("frames", `${health.frames} seen, ${health.dropped} dropped`);
+  say("rate", number(health.frames_per_second, 1, " frames a second"));
+  say("autopilot", state.autopilot ?? "none heard");
+  rows("latency", latency.map((l) => [l.stage, span(number(l.p50_ms, 1, " ms")), span(number(l.p99_ms, 1, " ms"))]));
+  rows("links", links.map((l) => [l.name, chip(l.up ? "up" : "down", l.up ? "up" : "down"), String(l.sent), String(l.dropped)]));
+  showMap();
+}
+
+// Outlines around the boxes, in pixels of the picture; the objects are those of this very picture.
+function showBoxes(tracks, { width, height, clientWidth }) {
+  const pixel = width / Math.max(clientWidth, 1);
+  const svg = $("boxes");
+  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  svg.replaceChildren(...tracks.map((track) => {
+    const [left, top, w, h] = track.rect;
+    const gap = 4 * pixel, size = 13 * pixel;
+    const box = { x: left - gap, y: top - gap, width: w + 2 * gap, height: h + 2 * gap };
+    const above = box.y - 5 * pixel;
+    const text = {
+      x: Math.min(Math.max(box.x, 0), width - 7 * size),
+      y: above > size ? above : box.y + box.height + size,
+      "font-size": size,
+    };
+    const group = make("g", { "data-level": track.level, "data-id": track.id },
+      make("rect", { class: "edge", ...box }),
+      make("rect", { class: "line", ...box }),
+      make("text", text, track.level === "none" ? `${track.id}` : `${track.id} ${track.level}`));
+    if (track.coasting || !track.confirmed) group.classList.add("foretold");
+    return group;
+  }));
+}
+
+// The more urgent, the more corners.
+const MARKS = {
+  none: "M-3,0a3,3 0 1 0 6,0a3,3 0 1 0 -6,0z",
+  traffic: "M-4.5,0a4.5,4.5 0 1 0 9,0a4.5,4.5 0 1 0 -9,0z",
+  caution: "M0,-6.5L6.5,0L0,6.5L-6.5,0z",
+  warning: "M0,-8L7.5,5.5L-7.5,5.5z",
+};
+const RANGES = [50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000];
+
+// The vehicle in the middle, its nose upward; angles clockwise from there.
+function showMap() {
+  const { tracks, camera_azimuth_deg: middle, field_of_view_deg: view } = state;
+  const at = (angle, radius) => {
+    const radians = angle * Math.PI / 180;
+    return [Math.sin(radians) * radius, -Math.cos(radians) * radius];
+  };
+  const farthest = Math.max(0, ...tracks.map((track) => track.range_m ?? 0));
+  const known = tracks.some((track) => track.range_m !== null);
+  const limit = RANGES.find((range) => range >= farthest) ?? farthest;
+  const half = Math.min(view, 359.9) / 2;
+  const [from, to] = [at(middle - half, 100), at(middle + half, 100)];
+  const wedge = `M0,0L${from}A100,100 0 ${half > 90 ? 1 : 0} 1 ${to}z`;
+  const label = (angle, radius, text) => {
+    const [x, y] = at(angle, radius);
+    return make("text", { x, y }, text);
+  };
+  const seen = tracks.filter((track) => track.azimuth_deg !== null);
+  const marks = seen.sort(urgent).reverse().map((track) => {
+    const far = track.range_m === null;
+    const radius = far ? 100 : Math.min(track.range_m / limit, 1) * 100;
+    const [x, y] = at(track.azimuth_deg, radius);
+    const [rx, ry] = at(track.azimuth_deg, Math.max(radius - 15, 22));
+    return make("g", { class: far ? "track far" : "track", "data-level": track.level, "data-id": track.id },
+      make("line", { class: "ray", x1: 0, y1: 0, x2: x, y2: y }),
+      make("path", { class: "mark", d: MARKS[track.level], transform: `translate(${x} ${y})` }),
+      make("text", { x: rx + 9, y: ry }, String(track.id)));
+  });
+  $("map").replaceChildren(
+    make("path", { class: "view", d: wedge }),
+    make("circle", { class: "ring", r: 50 }),
+    make("circle", { class: "ring", r: 100 }),
+    ...[["nose", 0], ["right", 90], ["tail", 180], ["left", -90]].map(([text, angle]) => label(angle, 114, text)),
+    ...(known ? [label(135, 50, metres(limit / 2)), label(135, 100, metres(limit))] : []),
+    make("path", { class: "own", d: "M0,-8L6,7L0,4L-6,7z" }),
+    ...marks,
+  );
+}
+
+$("key").addEventListener("submit", (event) => {
+  event.preventDefault();
+  sessionStorage.setItem("token", $("token").value.trim());
+  refused = false;
+  heard = performance.now();
+});
+setInterval(showAlert, 250);
+repeat(STATE_EVERY, askState);
+repeat(PICTURE_EVERY, askPicture);

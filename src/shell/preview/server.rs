@@ -1,0 +1,239 @@
+//! The server: one thread, a bounded number of connections, a deadline for each step of each of them.
+//!
+//! No connection can hold up another one: sockets never block, and each gets a bounded piece of work a turn. When all places
+//! are taken a newcomer gets the place of the one that was served longest ago.
+
+use super::http::{MAX_REQUEST, Request, Response};
+use super::site::Site;
+use mio::net::{TcpListener, TcpStream};
+use mio::{Events, Interest, Poll, Registry, Token, Waker};
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::Shutdown;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use std::vec::Vec;
+
+/// Most connections at once.
+pub const MAX_CLIENTS: usize = 16;
+
+/// How long a request may take to arrive.
+const REQUEST: Duration = Duration::from_secs(5);
+
+/// How long an answer may take to leave.
+const ANSWER: Duration = Duration::from_secs(10);
+
+/// How long a connection stays open with nothing asked.
+const IDLE: Duration = Duration::from_secs(10);
+
+/// How long what a client still says is read after the last answer: closed before, the answer could be lost.
+const LEAVING: Duration = Duration::from_secs(1);
+
+/// After the system refused a connection, as when it is out of files.
+const REFUSED: Duration = Duration::from_millis(200);
+
+/// Everything but the listener and the sockets is asked anyway: who woke us does not matter.
+const ANY: Token = Token(0);
+
+/// The server's own side.
+pub struct Server {
+    poll: Poll,
+    listener: TcpListener,
+    clients: Vec<Client>,
+    site: Site,
+    stop: Arc<AtomicBool>,
+}
+
+impl Server {
+    /// A server that is to be [run](Self::run); the waker ends its waiting, to look at `stop`.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn new(
+        listener: std::net::TcpListener,
+        site: Site,
+        stop: Arc<AtomicBool>,
+    ) -> io::Result<(Self, Waker)> {
+        listener.set_nonblocking(true)?;
+        let mut listener = TcpListener::from_std(listener);
+        let poll = Poll::new()?;
+        poll.registry().register(&mut listener, ANY, Interest::READABLE)?;
+        let waker = Waker::new(poll.registry(), ANY)?;
+        Ok((Self { poll, listener, clients: Vec::new(), site, stop }, waker))
+    }
+
+    /// Serves until `stop`.
+    ///
+    /// # Errors
+    /// The system's, when it cannot wait for connections any more.
+    pub fn run(mut self) -> io::Result<()> {
+        let mut events = Events::with_capacity(2 * MAX_CLIENTS);
+        let mut timeout = None;
+        loop {
+            match self.poll.poll(&mut events, timeout) {
+                Err(error) if error.kind() != ErrorKind::Interrupted => return Err(error),
+                _ => {}
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return Ok(());
+            }
+            let now = Instant::now();
+            timeout = self.accept(now);
+            let site = &mut self.site;
+            self.clients.retain_mut(|client| {
+                let wait = match client.turn(site, now) {
+                    Turn::Gone => return false,
+                    Turn::More => Duration::ZERO,
+                    Turn::Wait => client.deadline.saturating_duration_since(now),
+                };
+                timeout = Some(timeout.map_or(wait, |timeout| timeout.min(wait)));
+                true
+            });
+        }
+    }
+
+    /// Takes connections; gives the time after which to try again without being told.
+    fn accept(&mut self, now: Instant) -> Option<Duration> {
+        for _ in 0..MAX_CLIENTS {
+            match self.listener.accept() {
+                Ok((stream, _)) => {
+                    if self.clients.len() == MAX_CLIENTS
+                        && let Some(oldest) =
+                            (0..MAX_CLIENTS).min_by_key(|&i| self.clients[i].served)
+                    {
+                        self.clients.swap_remove(oldest);
+                    }
+                    self.clients.extend(Client::new(stream, self.poll.registry(), now));
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return None,
+                // A client that left before we looked is no trouble; what else there may be does not pass at once.
+                Err(error) if error.kind() == ErrorKind::ConnectionAborted => {}
+                Err(_) => return Some(REFUSED),
+            }
+        }
+        Some(Duration::ZERO)
+    }
+}
+
+/// A connection.
+struct Client {
+    stream: TcpStream,
+    step: Step,
+    deadline: Instant,
+    /// When it came, or got its last answer.
+    served: Instant,
+    /// What came and was not understood yet, at most [`MAX_REQUEST`].
+    request: Vec<u8>,
+}
+
+enum Step {
+    /// Waits for the end of a request.
+    Reading,
+    /// Sends an answer.
+    Writing { answer: Vec<u8>, sent: usize, close: bool },
+    /// Reads until the client has closed, too.
+    Leaving,
+}
+
+/// What is next for a client.
+enum Turn {
+    /// Its socket will tell.
+    Wait,
+    /// It wants another turn.
+    More,
+    /// It is to be closed.
+    Gone,
+}
+
+impl Client {
+    /// Nothing where the system does not let us watch it.
+    fn new(mut stream: TcpStream, registry: &Registry, now: Instant) -> Option<Self> {
+        registry.register(&mut stream, ANY, Interest::READABLE | Interest::WRITABLE).ok()?;
+        stream.set_nodelay(true).ok()?;
+        let deadline = now + REQUEST;
+        Some(Self { stream, step: Step::Reading, deadline, served: now, request: Vec::new() })
+    }
+
+    /// One step on the way, or as far as the socket lets it go.
+    fn turn(&mut self, site: &mut Site, now: Instant) -> Turn {
+        if now >= self.deadline {
+            return Turn::Gone;
+        }
+        let done = match &self.step {
+            Step::Reading => self.read(site, now),
+            Step::Writing { .. } => self.write(now),
+            Step::Leaving => self.leave(),
+        };
+        done.unwrap_or_else(|error| match error.kind() {
+            ErrorKind::WouldBlock => Turn::Wait,
+            ErrorKind::Interrupted => Turn::More,
+            _ => Turn::Gone,
+        })
+    }
+
+    fn read(&mut self, site: &mut Site, now: Instant) -> io::Result<Turn> {
+        loop {
+            let (answer, close) = match Request::parse(&self.request) {
+                Ok(None) => {
+                    self.fill(now)?;
+                    continue;
+                }
+                Ok(Some((request, length))) => {
+                    let close = request.close;
+                    let bytes = site.answer(&request).into_bytes(close, request.method == "HEAD");
+                    self.request.drain(..length);
+                    (bytes, close)
+                }
+                Err(status) => {
+                    let answer = Response::text(status, "no HTTP request, or too long a one");
+                    (answer.into_bytes(true, false), true)
+                }
+            };
+            self.step = Step::Writing { answer, sent: 0, close };
+            self.deadline = now + ANSWER;
+            return self.write(now);
+        }
+    }
+
+    /// Reads once, at least a byte.
+    fn fill(&mut self, now: Instant) -> io::Result<()> {
+        let mut bytes = [0; MAX_REQUEST];
+        let room = MAX_REQUEST - self.request.len();
+        let read = self.stream.read(&mut bytes[..room])?;
+        if read == 0 {
+            return Err(ErrorKind::UnexpectedEof.into());
+        }
+        if self.request.is_empty() {
+            self.deadline = self.deadline.min(now + REQUEST);
+        }
+        self.request.extend(&bytes[..read]);
+        Ok(())
+    }
+
+    fn write(&mut self, now: Instant) -> io::Result<Turn> {
+        let Step::Writing { answer, sent, close } = &mut self.step else { return Ok(Turn::More) };
+        while *sent < answer.len() {
+            match self.stream.write(&answer[*sent..])? {
+                0 => return Err(ErrorKind::WriteZero.into()),
+                written => *sent += written,
+            }
+        }
+        self.served = now;
+        if *close {
+            self.stream.shutdown(Shutdown::Write)?;
+            self.step = Step::Leaving;
+            self.deadline = now + LEAVING;
+        } else {
+            self.step = Step::Reading;
+            self.deadline = now + IDLE;
+        }
+        Ok(Turn::More)
+    }
+
+    fn leave(&mut self) -> io::Result<Turn> {
+        match self.stream.read(&mut [0; MAX_REQUEST])? {
+            0 => Ok(Turn::Gone),
+            _ => Ok(Turn::More),
+        }
+    }
+}

@@ -1,0 +1,247 @@
+//! What the page shows: plain data, one snapshot a frame.
+
+use crate::camera::Camera;
+use crate::message::Blind;
+use crate::shell::detections::Decimal;
+use crate::shell::link::{LinkSpec, LinkStatus};
+use crate::shell::traffic::name;
+use crate::traffic::{Direction, Level, Traffic};
+use fixed::types::I28F4;
+use serde::{Serialize, Serializer};
+use std::string::{String, ToString};
+use std::vec::Vec;
+
+/// The lookout at one time.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Snapshot {
+    /// The frame, where [`super::Preview::wants_picture`] asked for it.
+    #[serde(skip)]
+    pub picture: Option<Picture>,
+    /// Time of the frame in microseconds.
+    pub time_us: i64,
+    /// The objects that are followed.
+    pub tracks: Vec<Track>,
+    /// The most urgent level of all.
+    #[serde(serialize_with = "level")]
+    pub level: Level,
+    /// How the work goes.
+    pub health: Health,
+    /// How long the stages of the work take.
+    pub latency: Vec<Latency>,
+    /// The links to autopilots and ground stations.
+    pub links: Vec<Link>,
+    /// The autopilot in words, when one was heard.
+    pub autopilot: Option<String>,
+    /// Horizontal field of view of the camera in degrees; see [`Snapshot::look_through`].
+    pub field_of_view_deg: f64,
+    /// Where the middle of the picture is, in degrees to the right of the vehicle's nose.
+    pub camera_azimuth_deg: f64,
+}
+
+impl Snapshot {
+    /// Fills in field of view and direction of the camera.
+    pub fn look_through(&mut self, camera: &Camera) {
+        let (width, height) = (camera.intrinsics().width, camera.intrinsics().height);
+        let middle = I28F4::saturating_from_num(height) / 2;
+        let azimuth = |x: I28F4| degrees(Direction::from(camera.body(x, middle)).azimuth());
+        let width = I28F4::saturating_from_num(width);
+        self.camera_azimuth_deg = azimuth(width / 2);
+        // A camera that looks backward has the jump from 180 to -180 in its picture.
+        self.field_of_view_deg = (azimuth(width) - azimuth(I28F4::ZERO)).rem_euclid(360.0);
+    }
+}
+
+/// A grey picture.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Picture {
+    /// Row by row, without gaps.
+    pub pixels: Vec<u8>,
+    /// Pixels of a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+/// An object that is followed.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Track {
+    /// Number of the track.
+    pub id: u16,
+    /// Left, top, width, height in pixels of the picture.
+    pub rect: [f64; 4],
+    /// How urgent it is.
+    #[serde(serialize_with = "level")]
+    pub level: Level,
+    /// Whether enough detections agreed that it is there.
+    pub confirmed: bool,
+    /// Whether the frame showed nothing of it and its place is foretold.
+    pub coasting: bool,
+    /// Degrees to the right of the vehicle's nose.
+    pub azimuth_deg: f64,
+    /// Degrees above the vehicle's level plane.
+    pub elevation_deg: f64,
+    /// Distance in metres, where it is known.
+    pub range_m: Option<f64>,
+    /// Time to contact in seconds, where one is foreseen.
+    pub time_to_contact_s: Option<f64>,
+    /// Score of the last detection: log-odds.
+    pub score: f64,
+}
+
+impl From<&Traffic> for Track {
+    fn from(traffic: &Traffic) -> Self {
+        let rect = traffic.rect;
+        Self {
+            id: traffic.id,
+            rect: [rect.x, rect.y, rect.width, rect.height].map(|v| v.to_num()),
+            level: traffic.level,
+            confirmed: traffic.confirmed,
+            coasting: traffic.coasting,
+            azimuth_deg: degrees(traffic.body.azimuth()),
+            elevation_deg: degrees(traffic.body.elevation()),
+            range_m: traffic.range.map(|range| range.value.to_num()),
+            time_to_contact_s: traffic.time_to_contact.map(|time| time.value.to_num()),
+            score: Decimal::score(traffic.score).to_f64(),
+        }
+    }
+}
+
+/// How the work goes.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Health {
+    /// The state in one word.
+    pub state: State,
+    /// Why nothing can be seen, if so.
+    #[serde(serialize_with = "reasons")]
+    pub blind: Blind,
+    /// Frames the detector finished, since the start.
+    pub frames: u64,
+    /// Frames left out because the detector was busy, since the start.
+    pub dropped: u64,
+    /// Frames the detector finishes a second.
+    pub frames_per_second: f64,
+    /// The camera in words: device, size, format.
+    pub camera: String,
+}
+
+impl Health {
+    /// Why nothing can be seen, in words.
+    pub fn reasons(&self) -> impl Iterator<Item = &'static str> {
+        self.blind.reasons()
+    }
+}
+
+/// The state of the lookout.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// No frame yet.
+    #[default]
+    Starting,
+    /// Frames come, and something can be seen in them.
+    Watching,
+    /// Frames come, but nothing can be seen in them.
+    Blind,
+    /// No frames come.
+    CameraGone,
+}
+
+/// How long a stage of the work takes.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Latency {
+    /// The stage in words.
+    pub stage: String,
+    /// Median in milliseconds.
+    pub p50_ms: f64,
+    /// 99th percentile in milliseconds.
+    pub p99_ms: f64,
+}
+
+/// A link.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Link {
+    /// The link as the user named it.
+    pub name: String,
+    /// Whether it is open.
+    pub up: bool,
+    /// Frames given to it.
+    pub sent: u64,
+    /// Frames left out: for its budget, or for waiting too long.
+    pub dropped: u64,
+}
+
+impl From<(&LinkSpec, LinkStatus)> for Link {
+    fn from((spec, status): (&LinkSpec, LinkStatus)) -> Self {
+        Self {
+            name: spec.to_string(),
+            up: status.connected,
+            sent: status.sent.into(),
+            dropped: u64::from(status.capped) + u64::from(status.dropped),
+        }
+    }
+}
+
+fn degrees(radians: crate::angle::Real) -> f64 {
+    radians.to_num::<f64>().to_degrees()
+}
+
+fn level<S: Serializer>(level: &Level, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(name(*level))
+}
+
+fn reasons<S: Serializer>(blind: &Blind, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(blind.reasons())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::{PI, Real};
+    use crate::geometry::Attitude;
+    use crate::message::tests::traffic;
+    use serde_json::json;
+
+    fn near(a: f64, b: f64) -> bool {
+        (a - b).abs() < 0.01
+    }
+
+    #[test]
+    fn a_track_in_degrees_and_metres() {
+        let track = Track::from(&traffic(7));
+        assert!(near(track.azimuth_deg, 45.0) && near(track.elevation_deg, 0.0), "{track:?}");
+        assert_eq!((track.id, track.range_m, track.time_to_contact_s), (7, Some(300.0), None));
+        assert_eq!((track.rect, track.score), ([100.0, 50.0, 20.0, 10.0], 2.0));
+        let told = serde_json::to_value(&track).unwrap();
+        assert_eq!((&told["level"], &told["confirmed"]), (&json!("traffic"), &json!(true)));
+    }
+
+    #[test]
+    fn where_a_camera_looks() {
+        let camera = Camera::from_field_of_view(640, 480, PI / 3).unwrap();
+        for (yaw, azimuth) in [(0, 0.0), (40, 40.0), (-90, -90.0), (170, 170.0)] {
+            let turn = Attitude::from_euler(Real::ZERO, Real::ZERO, Real::from_num(yaw) * PI / 180);
+            let mut snapshot = Snapshot::default();
+            snapshot.look_through(&camera.mounted(turn.after(Attitude::FORWARD)));
+            assert!(near(snapshot.camera_azimuth_deg, azimuth), "{snapshot:?}");
+            assert!(near(snapshot.field_of_view_deg, 60.0), "{snapshot:?}");
+        }
+    }
+
+    #[test]
+    fn reasons_in_words() {
+        let health = Health { blind: Blind::DARK.and(Blind::COVERED), ..Health::default() };
+        assert_eq!(health.reasons().collect::<Vec<_>>(), ["too dark", "covered or frozen"]);
+        let told = serde_json::to_value(&health).unwrap();
+        assert_eq!(told["blind"], json!(["too dark", "covered or frozen"]));
+        assert_eq!(told["state"], "starting");
+    }
+
+    #[test]
+    fn a_link_that_lost_frames() {
+        let spec: LinkSpec = "udpout:127.0.0.1:14550".parse().unwrap();
+        let status = LinkStatus { sent: 9, capped: 2, dropped: u32::MAX, ..LinkStatus::default() };
+        let link = Link::from((&spec, status));
+        assert_eq!((link.up, link.sent, link.dropped), (false, 9, u64::from(u32::MAX) + 2));
+        assert_eq!(link.name, "udpout:127.0.0.1:14550");
+    }
+}

@@ -1,0 +1,158 @@
+//! The thread that takes frames, and opens the source again when it is gone.
+
+use super::config::Config;
+use super::live::{LiveError, Open};
+use super::mailbox::{Mailbox, Pool};
+use crate::shell::link::Inbound;
+use crate::shell::source::SourceError;
+use crossbeam_channel::Sender;
+use std::string::{String, ToString};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long one call waits for a frame: so soon an order to stop is heard.
+const SLICE: Duration = Duration::from_millis(100);
+/// A source without a frame for this long is opened again.
+const SILENT: Duration = Duration::from_secs(3);
+/// The first wait before it is opened again; it doubles up to the last.
+const FIRST_WAIT: Duration = Duration::from_millis(200);
+const LAST_WAIT: Duration = Duration::from_secs(5);
+
+/// What the capture does.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Camera {
+    /// Opens the source.
+    #[default]
+    Opening,
+    /// Takes frames.
+    Running,
+    /// The source is gone, for this reason; it is tried again.
+    Gone(String),
+    /// The last frame of a flight was taken, or none can be read of it any more.
+    Ended,
+}
+
+/// What others see of the capture.
+#[derive(Debug, Default)]
+pub struct Capture {
+    /// The newest frame.
+    pub mailbox: Mailbox,
+    /// Frames lost on the way from the camera, since the start.
+    pub missed: AtomicU32,
+    /// How often the source was opened.
+    pub opened: AtomicU32,
+    /// Rises as long as the thread goes on, also while it waits.
+    pub pulse: AtomicU64,
+    state: Mutex<Camera>,
+    settings: Mutex<Option<Config>>,
+}
+
+impl Capture {
+    /// What it does now.
+    pub fn state(&self) -> Camera {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Opens the source anew with other settings.
+    pub fn reopen(&self, config: Config) {
+        *self.settings.lock().unwrap_or_else(PoisonError::into_inner) = Some(config);
+    }
+
+    fn set(&self, state: Camera) {
+        *self.state.lock().unwrap_or_else(PoisonError::into_inner) = state;
+    }
+
+    fn new_settings(&self) -> Option<Config> {
+        self.settings.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Takes frames until `stop`, or to the end of a flight.
+    ///
+    /// # Errors
+    /// Those of a file, which end it too; a camera is opened again.
+    pub fn run(
+        &self,
+        mut config: Config,
+        open: &Open,
+        heard: &Sender<Inbound>,
+        stop: &AtomicBool,
+    ) -> Result<(), SourceError> {
+        let mut wait = FIRST_WAIT;
+        let mut pool = Pool::default();
+        while !stop.load(Ordering::Relaxed) {
+            if let Some(changed) = self.new_settings() {
+                config = changed;
+                wait = FIRST_WAIT;
+            }
+            self.set(Camera::Opening);
+            let reason = match self.serve(&config, open, heard, stop, &mut pool, &mut wait) {
+                // Told to stop, or to open anew.
+                Ok(()) => continue,
+                Err(LiveError::Ended) => {
+                    self.set(Camera::Ended);
+                    return Ok(());
+                }
+                Err(LiveError::Broken(error)) => {
+                    self.set(Camera::Ended);
+                    return Err(error);
+                }
+                Err(error) => error.to_string(),
+            };
+            tracing::warn!("{}: {reason}; again in {} ms", config.source, wait.as_millis());
+            self.set(Camera::Gone(reason));
+            let until = Instant::now() + wait;
+            while Instant::now() < until && !stop.load(Ordering::Relaxed) {
+                self.pulse.fetch_add(1, Ordering::Relaxed);
+                thread::sleep(Duration::from_millis(20));
+            }
+            wait = (wait * 2).min(LAST_WAIT);
+        }
+        Ok(())
+    }
+
+    /// Opens the source and takes its frames until it fails, or is to be left.
+    fn serve(
+        &self,
+        config: &Config,
+        open: &Open,
+        heard: &Sender<Inbound>,
+        stop: &AtomicBool,
+        pool: &mut Pool,
+        wait: &mut Duration,
+    ) -> Result<(), LiveError> {
+        let mut source = open(config, heard)?;
+        let mut last = Instant::now();
+        let mut running = false;
+        while !stop.load(Ordering::Relaxed) {
+            if self.settings.lock().unwrap_or_else(PoisonError::into_inner).is_some() {
+                return Ok(());
+            }
+            self.pulse.fetch_add(1, Ordering::Relaxed);
+            let mut shared = pool.take();
+            // The pool gives what nobody else holds.
+            let Some(frame) = Arc::get_mut(&mut shared) else { continue };
+            let taken = source.next(frame, SLICE);
+            pool.give(shared.clone());
+            match taken {
+                Ok(taken) => {
+                    self.missed.fetch_add(taken.missed, Ordering::Relaxed);
+                    self.mailbox.pass_over(taken.passed_over);
+                    self.mailbox.put(shared);
+                    last = Instant::now();
+                    if !running {
+                        running = true;
+                        self.opened.fetch_add(1, Ordering::Relaxed);
+                        tracing::info!("{}: frames come", config.source);
+                        self.set(Camera::Running);
+                        *wait = FIRST_WAIT;
+                    }
+                }
+                Err(LiveError::Timeout) if last.elapsed() < SILENT => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+}

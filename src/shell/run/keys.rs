@@ -1,0 +1,326 @@
+//! Every key of the settings: what it means, its unit, default and range, and whether a reload takes it.
+
+use crate::shell::link::LinkSpec;
+use crate::shell::simulate::Kind as Flight;
+use clap::ValueEnum;
+use std::format;
+use std::net::SocketAddr;
+use std::string::{String, ToString};
+use toml::Value;
+
+/// What a key's value must be.
+#[derive(Debug, Clone, Copy)]
+pub enum Kind {
+    /// Words, and what is wrong with them.
+    Text(fn(&str) -> Result<(), String>),
+    /// A list of such words.
+    Texts(fn(&str) -> Result<(), String>),
+    /// A whole number from the first to the last.
+    Whole(i64, i64),
+    /// A number from the first to the last.
+    Number(f64, f64),
+    /// So many numbers, each from the first to the last.
+    Numbers(usize, f64, f64),
+    /// `true` or `false`.
+    Switch,
+    /// A table of whole numbers, whose names are the camera's.
+    Wholes,
+}
+
+/// A key of the settings.
+#[derive(Debug, Clone, Copy)]
+pub struct Key {
+    /// Its name; with a point where it stands in a table.
+    pub name: &'static str,
+    /// What it may be.
+    pub kind: Kind,
+    /// What its value is in, or looks like.
+    pub unit: &'static str,
+    /// Its default as TOML; nothing where it is left out by default.
+    pub default: &'static str,
+    /// Whether a reload takes it; the others wait for a restart.
+    pub reload: bool,
+    /// What it is for.
+    pub about: &'static str,
+}
+
+/// All keys, in the order in which they are explained.
+pub const KEYS: &[Key] = &[
+    Key {
+        name: "source",
+        kind: Kind::Text(source),
+        unit: "v4l2:DEVICE, file:PATH or simulate:crossing|hover|collision|receding|none",
+        default: "",
+        reload: true,
+        about: "Where frames come from; always needed. A file (video, .y4m, folder of pictures) or a simulated flight runs in real time.",
+    },
+    Key {
+        name: "repeat",
+        kind: Kind::Switch,
+        unit: "",
+        default: "false",
+        reload: true,
+        about: "Start a file or a simulated flight anew at its end, where the program ends otherwise.",
+    },
+    Key {
+        name: "links",
+        kind: Kind::Texts(link),
+        unit: "udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT, tcpin:HOST:PORT, serial:DEVICE:BAUD",
+        default: "[]",
+        reload: true,
+        about: "Links to autopilots and ground stations. What is sent goes to all of them.",
+    },
+    Key {
+        name: "system_id",
+        kind: Kind::Whole(1, 255),
+        unit: "",
+        default: "",
+        reload: false,
+        about: "MAVLink system id; left out: that of the autopilot, from its first heartbeat.",
+    },
+    Key {
+        name: "component_id",
+        kind: Kind::Whole(1, 255),
+        unit: "",
+        default: "196",
+        reload: false,
+        about: "MAVLink component id: 196 obstacle avoidance, 191 onboard computer.",
+    },
+    Key {
+        name: "camera_component",
+        kind: Kind::Whole(1, 255),
+        unit: "",
+        default: "",
+        reload: false,
+        about: "Be a camera component of this id too (100 is usual), so that QGroundControl draws a box on its video.",
+    },
+    Key {
+        name: "signing_key",
+        kind: Kind::Text(any),
+        unit: "file of 64 hexadecimal digits",
+        default: "",
+        reload: false,
+        about: "Sign what is sent, refuse unsigned commands. The signing time is kept in FILE.time.",
+    },
+    Key {
+        name: "parameters",
+        kind: Kind::Text(any),
+        unit: "file",
+        default: "",
+        reload: false,
+        about: "Where the parameters that ground stations set (LK_...) are kept over a restart; left out: not kept.",
+    },
+    Key {
+        name: "model",
+        kind: Kind::Text(any),
+        unit: "file",
+        default: "",
+        reload: false,
+        about: "The detector's model; left out: the one in the program.",
+    },
+    Key {
+        name: "threads",
+        kind: Kind::Whole(0, 64),
+        unit: "",
+        default: "0",
+        reload: false,
+        about: "Threads of the detector; 0: one a processor core.",
+    },
+    Key {
+        name: "event_log",
+        kind: Kind::Text(any),
+        unit: "folder",
+        default: "",
+        reload: true,
+        about: "Why did it warn? For every alert a line of JSON and a picture of what was seen; left out: not kept.",
+    },
+    Key {
+        name: "event_log_megabytes",
+        kind: Kind::Whole(1, 1_000_000),
+        unit: "megabytes",
+        default: "64",
+        reload: true,
+        about: "The event log's size; the oldest alerts give way.",
+    },
+    Key {
+        name: "record",
+        kind: Kind::Text(any),
+        unit: "folder",
+        default: "",
+        reload: true,
+        about: "Keep the last minutes as the detector saw them, with the vehicle's telemetry, for `lookout replay`; left out: not kept.",
+    },
+    Key {
+        name: "record_minutes",
+        kind: Kind::Whole(1, 1440),
+        unit: "minutes",
+        default: "5",
+        reload: true,
+        about: "How much is kept at least.",
+    },
+    Key {
+        name: "record_megabytes",
+        kind: Kind::Whole(1, 1_000_000),
+        unit: "megabytes",
+        default: "4000",
+        reload: true,
+        about: "The recording's size; the oldest minute gives way, also before its time.",
+    },
+    Key {
+        name: "preview",
+        kind: Kind::Text(address),
+        unit: "ADDRESS:PORT",
+        default: "",
+        reload: true,
+        about: "A page for browsers: picture, tracks, state; left out: none. 127.0.0.1:8090 is seen on this machine only.",
+    },
+    Key {
+        name: "preview_token",
+        kind: Kind::Text(any),
+        unit: "16 to 256 letters, digits, - . _ ~",
+        default: "",
+        reload: true,
+        about: "Who asks for the page must give this word. Needed where `preview` is not a loopback address.",
+    },
+    Key {
+        name: "camera.width",
+        kind: Kind::Whole(16, 4096),
+        unit: "pixels",
+        default: "640",
+        reload: true,
+        about: "Width that a camera is asked for, or a simulated flight has; a file has its own.",
+    },
+    Key {
+        name: "camera.height",
+        kind: Kind::Whole(16, 4096),
+        unit: "pixels",
+        default: "480",
+        reload: true,
+        about: "Height, likewise.",
+    },
+    Key {
+        name: "camera.rate",
+        kind: Kind::Whole(1, 240),
+        unit: "frames a second",
+        default: "30",
+        reload: true,
+        about: "Frames a second, likewise.",
+    },
+    Key {
+        name: "camera.format",
+        kind: Kind::Text(format),
+        unit: "GREY, NV12, YUYV, UYVY or MJPEG",
+        default: "",
+        reload: true,
+        about: "Pixel format of a camera; left out: the best it has.",
+    },
+    Key {
+        name: "camera.calibration",
+        kind: Kind::Text(any),
+        unit: "file: OpenCV or ROS YAML, or camera.json",
+        default: "",
+        reload: true,
+        about: "The camera's calibration at this size.",
+    },
+    Key {
+        name: "camera.field_of_view",
+        kind: Kind::Number(10.0, 170.0),
+        unit: "degrees",
+        default: "60.0",
+        reload: true,
+        about: "Horizontal field of view where there is no calibration; directions and ranges are rough then.",
+    },
+    Key {
+        name: "camera.mounting",
+        kind: Kind::Numbers(3, -180.0, 180.0),
+        unit: "degrees: roll, pitch (nose up), yaw (to the right)",
+        default: "[0.0, 0.0, 0.0]",
+        reload: true,
+        about: "How the camera is turned on the vehicle; zeros look forward.",
+    },
+    Key {
+        name: "camera.controls",
+        kind: Kind::Wholes,
+        unit: "the camera's own, see `v4l2-ctl --list-ctrls`",
+        default: "{}",
+        reload: true,
+        about: "Controls of the camera by name, as { exposure_time_absolute = 100, gain = 32 }.",
+    },
+];
+
+/// The key of a name.
+pub fn find(name: &str) -> Option<&'static Key> {
+    KEYS.iter().find(|key| key.name == name)
+}
+
+impl Key {
+    /// What belongs there, in words.
+    pub fn expected(&self) -> String {
+        let range = match self.kind {
+            Kind::Text(_) => return self.unit.into(),
+            Kind::Texts(_) => return format!("a list of {}", self.unit),
+            Kind::Switch => return "true or false".into(),
+            Kind::Wholes => return format!("a table of whole numbers: {}", self.unit),
+            Kind::Whole(min, max) => format!("a whole number from {min} to {max}"),
+            Kind::Number(min, max) => format!("a number from {min} to {max}"),
+            Kind::Numbers(count, min, max) => format!("{count} numbers from {min} to {max}"),
+        };
+        if self.unit.is_empty() { range } else { format!("{range}, in {}", self.unit) }
+    }
+
+    /// Whether `value` may stand there.
+    ///
+    /// # Errors
+    /// What is wrong, without the key's name.
+    pub fn check(&self, value: &Value) -> Result<(), String> {
+        let wrong = || format!("expected {}", self.expected());
+        let text = |check: fn(&str) -> Result<(), String>, value: &Value| {
+            let text = value.as_str().filter(|text| !text.is_empty()).ok_or_else(wrong)?;
+            check(text).map_err(|reason| if reason.is_empty() { wrong() } else { reason })
+        };
+        let number = |value: &Value| value.as_float().or(value.as_integer().map(|v| v as f64));
+        let good = match self.kind {
+            Kind::Text(check) => return text(check, value),
+            Kind::Texts(check) => {
+                return value.as_array().ok_or_else(wrong)?.iter().try_for_each(|v| text(check, v));
+            }
+            Kind::Whole(min, max) => value.as_integer().is_some_and(|v| (min..=max).contains(&v)),
+            Kind::Number(min, max) => number(value).is_some_and(|v| (min..=max).contains(&v)),
+            Kind::Numbers(count, min, max) => value.as_array().is_some_and(|list| {
+                let inside = |v| number(v).is_some_and(|v| (min..=max).contains(&v));
+                list.len() == count && list.iter().all(inside)
+            }),
+            Kind::Switch => value.is_bool(),
+            Kind::Wholes => value.as_table().is_some_and(|t| t.values().all(Value::is_integer)),
+        };
+        if good { Ok(()) } else { Err(wrong()) }
+    }
+}
+
+fn any(_: &str) -> Result<(), String> {
+    Ok(())
+}
+
+fn source(text: &str) -> Result<(), String> {
+    match text.split_once(':') {
+        Some(("v4l2" | "file", path)) if !path.is_empty() => Ok(()),
+        Some(("simulate", kind)) if Flight::from_str(kind, false).is_ok() => Ok(()),
+        _ => Err(String::new()),
+    }
+}
+
+fn link(text: &str) -> Result<(), String> {
+    text.parse::<LinkSpec>().map(drop).map_err(|error| error.to_string())
+}
+
+fn address(text: &str) -> Result<(), String> {
+    text.parse::<SocketAddr>().map(drop).map_err(|_| String::new())
+}
+
+fn format(text: &str) -> Result<(), String> {
+    if ["GREY", "NV12", "YUYV", "UYVY", "MJPEG"].contains(&text) {
+        Ok(())
+    } else {
+        Err(String::new())
+    }
+}

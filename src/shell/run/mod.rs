@@ -1,0 +1,53 @@
+//! `lookout run`: a live camera and live links, as a service.
+
+mod camera;
+pub mod capture;
+pub mod config;
+mod events;
+pub mod keys;
+pub mod live;
+mod mailbox;
+mod notify;
+mod outputs;
+mod paced;
+mod record;
+mod ring;
+pub mod service;
+pub mod sight;
+mod stages;
+mod worker;
+mod writer;
+
+use super::error::Error;
+use super::interrupt::{self, Ended};
+use super::replay::print_line;
+use config::Config;
+use std::path::PathBuf;
+use std::string::ToString;
+
+/// What `lookout run` can be told.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RunArgs {
+    /// The settings, TOML
+    #[arg(long, value_name = "FILE", required_unless_present = "print_config")]
+    config: Option<PathBuf>,
+    /// Check the settings, print those in effect with every key explained, and end
+    #[arg(long)]
+    print_config: bool,
+}
+
+/// Runs the service.
+///
+/// # Errors
+/// [`Error`]; what was written before stays.
+pub fn run(args: &RunArgs) -> Result<Ended, Error> {
+    let config = args.config.as_deref().map(Config::read).transpose()?;
+    let (Some(path), Some(config), false) = (&args.config, &config, args.print_config) else {
+        print_line(config::print(config.as_ref()).trim_end())?;
+        return Ok(Ended::Complete);
+    };
+    let control = interrupt::watch_service()?;
+    let summary = service::run(config.clone(), &|| Config::read(path), &control, &live::open)?;
+    print_line(summary.to_string().trim_end())?;
+    Ok(Ended::Complete)
+}

@@ -1,0 +1,392 @@
+//! The loop of a live lookout: frames looked at and messages heard come in, messages go out.
+//!
+//! Three threads share the work: one takes frames, one runs the detector, and this one tracks, judges and speaks. It waits
+//! for neither of them, nor for a link, which has a thread of its own.
+
+use super::capture::{Camera, Capture};
+use super::config::Config;
+use super::live::{self, Open};
+use super::notify::Notify;
+use super::outputs::{Condition, Outputs};
+use super::stages::Stages;
+use super::worker::{self, Seen};
+use crate::component;
+use crate::component::parameters::Parameters;
+use crate::digest::Digest;
+use crate::message::Blind;
+use crate::message::status::State;
+use crate::onboard::Onboard;
+use crate::shell::camera::CameraFile;
+use crate::shell::clock::now_us;
+use crate::shell::error::Error;
+use crate::shell::histogram::Histogram;
+use crate::shell::interrupt::Control;
+use crate::shell::link::{Inbound, LinkSpec, Links, params};
+use crate::shell::pipeline::{self, DetectorArgs, ModelFile};
+use crate::shell::telemetry::{self, signing_with};
+use crate::watch::Settings;
+use crossbeam_channel::{Receiver, bounded, select};
+use std::fmt;
+use std::format;
+use std::string::String;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread;
+use std::time::Duration;
+use std::vec::Vec;
+
+/// From one look for messages to be sent to the next.
+const TICK: Duration = Duration::from_millis(20);
+/// Frames that were looked at and wait to be tracked.
+const WAITING: usize = 2;
+/// From one line about the state to the next, microseconds.
+const STATUS_US: i64 = 1_000_000;
+
+/// What a run did.
+#[derive(Debug, Default)]
+pub struct Summary {
+    /// Frames that were looked at.
+    pub frames: u64,
+    /// Frames left out because the detector was busy.
+    pub dropped: u32,
+    /// Frames lost on the way from the camera.
+    pub missed: u32,
+    /// How often the source was opened.
+    pub opened: u32,
+    /// All detections, as `lookout replay --threshold=-2 --digest` has them.
+    pub digest: Digest,
+    /// How long it took.
+    pub stages: Stages,
+    /// From exposure to the last byte sent.
+    pub sent: Histogram,
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { frames, dropped, missed, opened, digest, stages, sent } = self;
+        writeln!(
+            f,
+            "{frames} frames looked at, {dropped} left out as the detector was busy, {missed} lost on the way; source \
+             opened {opened} times; digest {:016x}",
+            digest.value()
+        )?;
+        f.write_str(&stages.table(sent))
+    }
+}
+
+/// Runs until it is told to stop, or to the end of a flight. `reread` gives the settings again on a reload.
+///
+/// # Errors
+/// [`Error`]: what can be known to be wrong at the start, and a file that cannot be read further.
+pub fn run(
+    config: Config,
+    reread: &dyn Fn() -> Result<Config, Error>,
+    control: &Control,
+    open: &Open,
+) -> Result<Summary, Error> {
+    let file = ModelFile::load(config.model.as_deref())?;
+    let model = file.parse()?;
+    let capture = Capture::default();
+    let (worker_pulse, stop) = (AtomicU64::new(0), AtomicBool::new(false));
+    let (sender, seen) = bounded(WAITING);
+    let mut service = Service::new(config.clone(), &capture, &worker_pulse)?;
+    let heard = service.links.heard().clone();
+    thread::scope(|scope| {
+        let spawn = |name: &str| thread::Builder::new().name(name.into());
+        let failed = |source| Error::Thread { source };
+        let taking = spawn("capture")
+            .spawn_scoped(scope, || capture.run(config.clone(), open, &heard, &stop))
+            .map_err(failed)?;
+        let looking = || {
+            let args = DetectorArgs { threshold: Some(keep_score()), ..DetectorArgs::default() };
+            let look =
+                || worker::run(&model, &args, &capture.mailbox, &worker_pulse, &sender, &stop);
+            let ended = pipeline::on_threads(config.threads, look).and_then(|ended| ended);
+            // The loop sees that nothing comes any more.
+            drop(sender);
+            ended
+        };
+        let looking = spawn("detector").spawn_scoped(scope, looking);
+        let served = match &looking {
+            Ok(_) => service.serve(seen, reread, control),
+            Err(_) => Ok(()),
+        };
+        stop.store(true, Ordering::Relaxed);
+        let taken = taking.join().unwrap_or(Ok(()));
+        let looked = looking.map_err(failed)?.join().unwrap_or(Ok(()));
+        let finished = service.finish();
+        served.and(looked)?;
+        taken?;
+        finished
+    })
+}
+
+/// The least score of a detection that a track goes on with.
+pub fn keep_score() -> i32 {
+    Settings::default().track.keep_score
+}
+
+/// What the loop works on.
+struct Service<'a> {
+    config: Config,
+    own_camera: Option<CameraFile>,
+    /// Of the frames that the camera is set for.
+    size: Option<(usize, usize)>,
+    capture: &'a Capture,
+    /// Of the capture and of the detector, and what they were when the watchdog was last fed.
+    pulses: [&'a AtomicU64; 2],
+    fed: [u64; 2],
+    links: Links,
+    onboard: Onboard,
+    kept: Parameters,
+    outputs: Outputs,
+    notify: Notify,
+    summary: Summary,
+    blind: Blind,
+    state: State,
+    /// Frames and time when the state was last told.
+    told: (u64, i64),
+}
+
+impl<'a> Service<'a> {
+    fn new(
+        config: Config,
+        capture: &'a Capture,
+        worker_pulse: &'a AtomicU64,
+    ) -> Result<Self, Error> {
+        let kept = match &config.parameters {
+            Some(path) => params::load(path).map_err(Error::read(path))?,
+            None => Parameters::default(),
+        };
+        let signing = config.signing_key.as_deref().map(signing_with).transpose()?;
+        let links = Links::open_signed(&specs(&config), signing);
+        let own_camera = live::own_camera(&config)?;
+        let camera = live::first_camera(&config, own_camera.as_ref())?;
+        let onboard = Onboard::new(camera, component(&config), kept, now_us());
+        let state = onboard.component().state();
+        Ok(Self {
+            own_camera,
+            size: None,
+            capture,
+            pulses: [&capture.pulse, worker_pulse],
+            fed: [0; 2],
+            links,
+            onboard,
+            kept,
+            outputs: Outputs::open(&config)?,
+            notify: Notify::from_environment(),
+            summary: Summary::default(),
+            blind: Blind::NO,
+            state,
+            told: (0, now_us()),
+            config,
+        })
+    }
+
+    fn serve(
+        &mut self,
+        seen: Receiver<Seen>,
+        reread: &dyn Fn() -> Result<Config, Error>,
+        control: &Control,
+    ) -> Result<(), Error> {
+        let inbound = self.links.inbound().clone();
+        self.notify.ready();
+        while !control.stop.load(Ordering::Relaxed) {
+            if control.reload.swap(false, Ordering::Relaxed) {
+                self.notify.reloading();
+                self.reload(reread);
+                self.notify.ready();
+            }
+            select! {
+                recv(seen) -> looked => match looked {
+                    Ok(looked) => self.see(looked)?,
+                    Err(_) => break,
+                },
+                recv(inbound) -> heard => heard.into_iter().for_each(|heard| self.hear(&heard)),
+                default(TICK) => {}
+            }
+            self.speak(None);
+            self.tick();
+            let drained = self.capture.mailbox.is_drained(self.summary.frames);
+            if self.capture.state() == Camera::Ended && drained {
+                break;
+            }
+        }
+        self.notify.stopping();
+        Ok(())
+    }
+
+    fn hear(&mut self, heard: &Inbound) {
+        self.outputs.heard(heard);
+        self.onboard.hear(heard.link, &heard.frame, heard.trust, heard.time_us);
+        telemetry::log_events(&mut self.onboard);
+        let parameters = *self.onboard.component().parameters();
+        if parameters != self.kept {
+            self.kept = parameters;
+            if let Some(path) = &self.config.parameters
+                && let Err(error) = params::save(path, &parameters)
+            {
+                tracing::error!("{}: parameters are not kept: {error}", path.display());
+            }
+        }
+    }
+
+    fn see(&mut self, seen: Seen) -> Result<(), Error> {
+        let received_us = now_us();
+        let size = (seen.frame.width, seen.frame.height);
+        if self.size != Some(size) {
+            self.onboard.set_camera(self.config.camera(size, self.own_camera.as_ref())?);
+            self.size = Some(size);
+        }
+        self.blind = seen.blind;
+        self.onboard.report(self.capture.mailbox.dropped(), seen.blind);
+        let tracks = self.onboard.see(&seen.found, seen.frame.time_us, received_us);
+        self.summary.frames += 1;
+        self.summary.digest.update(&seen.found.list);
+        self.summary.stages.add(&seen, received_us, now_us());
+        self.outputs.see(&seen, &tracks, &self.onboard, self.summary.frames);
+        self.speak(Some(seen.frame.time_us));
+        Ok(())
+    }
+
+    /// Sends what is to be sent; what is due to a frame counts from when that was taken.
+    fn speak(&mut self, exposed_us: Option<i64>) {
+        let now_us = now_us();
+        while let Some(message) = self.onboard.poll(now_us) {
+            if let Some(frame) = self.links.send_about(&message, now_us, exposed_us) {
+                self.outputs.said(&frame, now_us);
+            }
+        }
+    }
+
+    /// Log, manager and page hear how it is.
+    fn tick(&mut self) {
+        let state = self.onboard.component().state();
+        if state != self.state {
+            self.state = state;
+            match state {
+                State::Watching | State::Starting => tracing::info!("{}", state_in_words(state)),
+                State::Blind(_) | State::Stalled => tracing::warn!("{}", state_in_words(state)),
+            }
+        }
+        if self.notify.is_hungry() {
+            let now = self.pulses.map(|pulse| pulse.load(Ordering::Relaxed));
+            let ended = self.capture.state() == Camera::Ended;
+            if (now[0] != self.fed[0] || ended) && now[1] != self.fed[1] {
+                self.fed = now;
+                self.notify.feed();
+            }
+        }
+        let now_us = now_us();
+        self.outputs.tick(now_us);
+        let (frames, told_us) = self.told;
+        let span_us = now_us - told_us;
+        if span_us >= STATUS_US {
+            let rate = (self.summary.frames - frames) as f64 * 1e6 / span_us as f64;
+            self.told = (self.summary.frames, now_us);
+            let condition = self.condition(rate);
+            self.notify.status(self.in_words(&condition));
+            self.outputs.show(condition, &self.config.source, &self.onboard, &self.links);
+        }
+    }
+
+    fn condition(&self, rate: f64) -> Condition {
+        Condition {
+            state: self.state,
+            blind: self.blind,
+            camera: self.capture.state(),
+            frames: (self.summary.frames, self.capture.mailbox.dropped(), rate),
+            latency: self.summary.stages.percentiles(&self.links.latency()),
+        }
+    }
+
+    fn in_words(&self, condition: &Condition) -> String {
+        let mut words = state_in_words(condition.state);
+        let rate = condition.frames.2;
+        if let Camera::Gone(reason) = &condition.camera {
+            words = format!("{words} ({reason})");
+        }
+        let autopilot = match self.onboard.component().autopilot() {
+            Some(_) => format!("autopilot of system {}", self.onboard.component().system_id()),
+            None => "no autopilot".into(),
+        };
+        format!("{words}; {rate:.1} frames a second, {autopilot}")
+    }
+
+    fn reload(&mut self, reread: &dyn Fn() -> Result<Config, Error>) {
+        let config = match reread() {
+            Ok(config) => config,
+            Err(error) => {
+                tracing::error!("the settings stay as they are: {error}");
+                return;
+            }
+        };
+        let changes = self.config.changes(&config);
+        for key in &changes {
+            if key.reload {
+                tracing::info!("{} changes", key.name);
+            } else {
+                tracing::warn!("{} changes with the next start only", key.name);
+            }
+        }
+        let any = |prefixes: &[&str]| {
+            changes.iter().any(|key| prefixes.iter().any(|prefix| key.name.starts_with(prefix)))
+        };
+        if any(&["source", "repeat", "camera."]) {
+            match live::own_camera(&config) {
+                Ok(own) => self.own_camera = own,
+                Err(error) => tracing::error!("{error}"),
+            }
+            self.size = None;
+            self.capture.reopen(config.clone());
+        }
+        if any(&["links"]) {
+            self.links.reopen(&specs(&config));
+        }
+        self.outputs.reload(&config, &changes);
+        self.config = config;
+    }
+
+    fn finish(self) -> Result<Summary, Error> {
+        Ok(Summary {
+            dropped: self.capture.mailbox.dropped(),
+            missed: self.capture.missed.load(Ordering::Relaxed),
+            opened: self.capture.opened.load(Ordering::Relaxed),
+            sent: self.links.latency(),
+            ..self.summary
+        })
+    }
+}
+
+fn specs(config: &Config) -> Vec<LinkSpec> {
+    config.links.iter().map(|link| link.0.clone()).collect()
+}
+
+/// What is fixed for the component.
+fn component(config: &Config) -> component::Config {
+    let defaults = component::Config::default();
+    let pixels = |side: u32| u16::try_from(side).unwrap_or(u16::MAX);
+    component::Config {
+        system_id: config.system_id,
+        component_id: config.component_id,
+        camera: config.camera_component.map(|component_id| component::Camera {
+            component_id,
+            width: pixels(config.camera.width),
+            height: pixels(config.camera.height),
+        }),
+        // Three frames of a slow camera.
+        stall_us: defaults.stall_us.max(3_000_000 / i64::from(config.camera.rate)),
+        ..defaults
+    }
+}
+
+fn state_in_words(state: State) -> String {
+    match state {
+        State::Starting => "starting, no frame yet".into(),
+        State::Watching => "watching for traffic".into(),
+        State::Stalled => "no frames, traffic is not watched".into(),
+        State::Blind(blind) => {
+            let reasons: Vec<_> = blind.reasons().collect();
+            format!("blind: {}; traffic is not watched", reasons.join(", "))
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! The thread of the detector: the newest frame in, what was found out.
+
+use super::mailbox::Mailbox;
+use super::sight::Sight;
+use crate::detector::{Detections, Stage};
+use crate::message::Blind;
+use crate::model::Model;
+use crate::shell::clock::now_us;
+use crate::shell::error::Error;
+use crate::shell::pipeline::{DetectorArgs, Memory};
+use crate::shell::source::Frame;
+use crossbeam_channel::Sender;
+use std::string::String;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+/// How long one look for a frame takes: so soon an order to stop is heard.
+const SLICE: Duration = Duration::from_millis(100);
+
+/// A frame that was looked at.
+#[derive(Debug)]
+pub struct Seen {
+    /// The frame.
+    pub frame: Arc<Frame>,
+    /// What was found in it.
+    pub found: Detections,
+    /// Why nothing can be seen, if so.
+    pub blind: Blind,
+    /// When the detector began with it.
+    pub begun_us: i64,
+    /// When each of its stages had ended.
+    pub ended_us: [i64; Stage::ALL.len()],
+}
+
+/// Looks at frames until `stop`. A frame of another size than the one before gets a new detector.
+///
+/// # Errors
+/// [`Error::Detector`] for a frame that the detector cannot be made for.
+pub fn run(
+    model: &Model<'_>,
+    args: &DetectorArgs,
+    mailbox: &Mailbox,
+    pulse: &AtomicU64,
+    seen: &Sender<Seen>,
+    stop: &AtomicBool,
+) -> Result<(), Error> {
+    let mut sight = Sight::default();
+    let mut next: Option<Arc<Frame>> = None;
+    let mut number = 0;
+    let take = || {
+        pulse.fetch_add(1, Ordering::Relaxed);
+        mailbox.take(SLICE)
+    };
+    while !stop.load(Ordering::Relaxed) {
+        let Some(mut frame) = next.take().or_else(take) else { continue };
+        let size = (frame.width, frame.height);
+        let config = args.config(model, size.0, size.1)?;
+        let mut memory = Memory::new(&config);
+        tracing::info!(width = size.0, height = size.1, bytes = memory.len_bytes(), "detector");
+        let refused =
+            |source| Error::Detector { input: String::from("source"), frame: number, source };
+        let mut detector = memory.detector(model, config).map_err(refused)?;
+        loop {
+            number += 1;
+            let begun_us = now_us();
+            let blind = sight.judge(&frame);
+            let mut ended_us = [0; Stage::ALL.len()];
+            let mut observer = |stage: Stage| ended_us[stage as usize] = now_us();
+            let found = detector
+                .process_observed(frame.view(), frame.time_us, &mut observer)
+                .map_err(|source| Error::Detector {
+                    input: String::from("source"),
+                    frame: number,
+                    source,
+                })?;
+            let looked = Seen { frame, found, blind, begun_us, ended_us };
+            if seen.send(looked).is_err() {
+                return Ok(());
+            }
+            frame = loop {
+                if stop.load(Ordering::Relaxed) {
+                    return Ok(());
+                }
+                if let Some(frame) = take() {
+                    break frame;
+                }
+            };
+            if (frame.width, frame.height) != size {
+                next = Some(frame);
+                break;
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,70 @@
+//! A thread that writes what the loop hands over: a slow disk costs records, never frames.
+
+use crossbeam_channel::{Sender, TrySendError, bounded};
+use std::io;
+use std::string::String;
+use std::thread::{self, JoinHandle};
+
+/// Hands items to a thread, at most so many waiting.
+#[derive(Debug)]
+pub struct Writer<T> {
+    name: &'static str,
+    items: Option<Sender<T>>,
+    thread: Option<JoinHandle<()>>,
+    lost: u64,
+}
+
+impl<T: Send + 'static> Writer<T> {
+    /// Starts the thread, which gives every item to `write`. A failure is told once, until it is well again.
+    ///
+    /// # Errors
+    /// The system's, where there is no thread.
+    pub fn start(
+        name: &'static str,
+        waiting: usize,
+        mut write: impl FnMut(T) -> io::Result<()> + Send + 'static,
+    ) -> io::Result<Self> {
+        let (items, taken) = bounded(waiting);
+        let work = move || {
+            let mut failed = false;
+            for item in taken {
+                match write(item) {
+                    Ok(()) => failed = false,
+                    Err(error) if !failed => {
+                        failed = true;
+                        tracing::error!("{name}: cannot write: {error}; what was written stays");
+                    }
+                    Err(_) => {}
+                }
+            }
+        };
+        let thread = thread::Builder::new().name(String::from(name)).spawn(work)?;
+        Ok(Self { name, items: Some(items), thread: Some(thread), lost: 0 })
+    }
+
+    /// Hands an item over; `false` where the thread is too far behind and it is lost.
+    pub fn hand(&mut self, item: T) -> bool {
+        let Some(items) = &self.items else { return false };
+        match items.try_send(item) {
+            Ok(()) => true,
+            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
+                self.lost += 1;
+                if self.lost.is_power_of_two() {
+                    tracing::warn!("{}: the disk is too slow, {} lost", self.name, self.lost);
+                }
+                false
+            }
+        }
+    }
+}
+
+impl<T> Drop for Writer<T> {
+    /// Waits until everything is written.
+    fn drop(&mut self) {
+        self.items = None;
+        if let Some(thread) = self.thread.take() {
+            // A thread that panicked has said so.
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,238 @@
+//! The kernel's structures and request numbers for video capture, on 64-bit systems.
+//!
+//! Names and layout are those of `linux/videodev2.h`, which never change; only what is used here is written out.
+
+use rustix::ioctl::{Opcode, opcode};
+
+/// `V4L2_BUF_TYPE_VIDEO_CAPTURE`: pictures in one plane.
+pub const CAPTURE: u32 = 1;
+/// `V4L2_MEMORY_MMAP`: buffers of the driver, mapped by the program.
+pub const MMAP: u32 = 1;
+/// `V4L2_FIELD_NONE`: whole pictures, not every second line.
+pub const PROGRESSIVE: u32 = 1;
+
+/// `v4l2_capability`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Capability {
+    pub driver: [u8; 16],
+    pub card: [u8; 32],
+    pub bus_info: [u8; 32],
+    pub version: u32,
+    pub capabilities: u32,
+    pub device_caps: u32,
+    pub reserved: [u32; 3],
+}
+
+impl Capability {
+    pub const VIDEO_CAPTURE: u32 = 0x1;
+    pub const STREAMING: u32 = 0x0400_0000;
+    const DEVICE_CAPS: u32 = 0x8000_0000;
+
+    /// What this very node can do, among all nodes of the device.
+    pub fn of_node(&self) -> u32 {
+        if self.capabilities & Self::DEVICE_CAPS == 0 {
+            self.capabilities
+        } else {
+            self.device_caps
+        }
+    }
+}
+
+/// `v4l2_fmtdesc`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default)]
+pub struct FormatDescription {
+    pub index: u32,
+    pub kind: u32,
+    pub flags: u32,
+    pub description: [u8; 32],
+    pub fourcc: [u8; 4],
+    pub mbus_code: u32,
+    pub reserved: [u32; 3],
+}
+
+/// `v4l2_format` with its `v4l2_pix_format`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Format {
+    pub kind: u32,
+    pub padding: u32,
+    pub width: u32,
+    pub height: u32,
+    pub fourcc: [u8; 4],
+    pub field: u32,
+    pub bytes_per_line: u32,
+    pub size_image: u32,
+    pub colorspace: u32,
+    pub private: u32,
+    pub flags: u32,
+    pub encoding: u32,
+    pub quantization: u32,
+    pub transfer: u32,
+    pub rest: [u64; 19],
+}
+
+impl Format {
+    pub const COLORSPACE_JPEG: u32 = 7;
+    pub const FULL_RANGE: u32 = 1;
+    pub const LIMITED_RANGE: u32 = 2;
+}
+
+/// `v4l2_streamparm` with its `v4l2_captureparm`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default)]
+pub struct StreamParameters {
+    pub kind: u32,
+    pub capability: u32,
+    pub mode: u32,
+    /// Seconds a frame as a fraction.
+    pub numerator: u32,
+    pub denominator: u32,
+    pub extended_mode: u32,
+    pub read_buffers: u32,
+    pub rest: [[u32; 22]; 2],
+}
+
+impl StreamParameters {
+    pub const TIME_PER_FRAME: u32 = 0x1000;
+}
+
+/// `v4l2_requestbuffers`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default)]
+pub struct RequestBuffers {
+    pub count: u32,
+    pub kind: u32,
+    pub memory: u32,
+    pub capabilities: u32,
+    pub flags: u32,
+}
+
+/// `v4l2_buffer`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Buffer {
+    pub index: u32,
+    pub kind: u32,
+    pub bytes_used: u32,
+    pub flags: u32,
+    pub field: u32,
+    pub padding: u32,
+    pub seconds: i64,
+    pub microseconds: i64,
+    pub timecode: [u32; 4],
+    pub sequence: u32,
+    pub memory: u32,
+    /// Where to map it, with [`MMAP`].
+    pub offset: u32,
+    pub offset_padding: u32,
+    pub length: u32,
+    pub reserved: [u32; 3],
+}
+
+impl Buffer {
+    pub const ERROR: u32 = 0x40;
+    pub const TIMESTAMP_MASK: u32 = 0xe000;
+    pub const TIMESTAMP_MONOTONIC: u32 = 0x2000;
+
+    /// What every request about a buffer begins with.
+    pub fn mapped(index: u32) -> Self {
+        Self { index, kind: CAPTURE, memory: MMAP, ..Self::default() }
+    }
+}
+
+/// `v4l2_query_ext_ctrl`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ControlQuery {
+    pub id: u32,
+    pub kind: u32,
+    pub name: [u8; 32],
+    pub minimum: i64,
+    pub maximum: i64,
+    pub step: u64,
+    pub default: i64,
+    pub flags: u32,
+    pub element_size: u32,
+    pub elements: u32,
+    pub dimensions: u32,
+    pub sizes: [u32; 4],
+    pub reserved: [u32; 32],
+}
+
+impl ControlQuery {
+    /// `V4L2_CTRL_FLAG_NEXT_CTRL`: asks for the control after `id`.
+    pub const NEXT: u32 = 0x8000_0000;
+    pub const DISABLED: u32 = 0x1;
+    pub const READ_ONLY: u32 = 0x4;
+}
+
+/// `v4l2_ext_control`, which is packed: its value begins at byte 12.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ControlValue {
+    pub id: u32,
+    pub size: u32,
+    pub reserved: u32,
+    /// An `i64`, or an `i32` in the first four bytes.
+    pub value: [u8; 8],
+}
+
+/// `v4l2_ext_controls`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct ControlValues {
+    pub which: u32,
+    pub count: u32,
+    pub error_index: u32,
+    pub request: i32,
+    pub reserved: u32,
+    pub padding: u32,
+    pub controls: *mut ControlValue,
+}
+
+impl ControlValues {
+    /// A request about one control.
+    pub fn one(controls: *mut ControlValue) -> Self {
+        let (which, error_index, request, reserved, padding) = (0, 0, 0, 0, 0);
+        Self { which, count: 1, error_index, request, reserved, padding, controls }
+    }
+}
+
+const GROUP: u8 = b'V';
+
+pub const QUERYCAP: Opcode = opcode::read::<Capability>(GROUP, 0);
+pub const ENUM_FMT: Opcode = opcode::read_write::<FormatDescription>(GROUP, 2);
+pub const S_FMT: Opcode = opcode::read_write::<Format>(GROUP, 5);
+pub const REQBUFS: Opcode = opcode::read_write::<RequestBuffers>(GROUP, 8);
+pub const QUERYBUF: Opcode = opcode::read_write::<Buffer>(GROUP, 9);
+pub const QBUF: Opcode = opcode::read_write::<Buffer>(GROUP, 15);
+pub const DQBUF: Opcode = opcode::read_write::<Buffer>(GROUP, 17);
+pub const STREAMON: Opcode = opcode::write::<u32>(GROUP, 18);
+pub const STREAMOFF: Opcode = opcode::write::<u32>(GROUP, 19);
+pub const G_PARM: Opcode = opcode::read_write::<StreamParameters>(GROUP, 21);
+pub const S_PARM: Opcode = opcode::read_write::<StreamParameters>(GROUP, 22);
+pub const G_EXT_CTRLS: Opcode = opcode::read_write::<ControlValues>(GROUP, 71);
+pub const S_EXT_CTRLS: Opcode = opcode::read_write::<ControlValues>(GROUP, 72);
+pub const QUERY_EXT_CTRL: Opcode = opcode::read_write::<ControlQuery>(GROUP, 103);
+
+// A number holds direction, size of the structure, group and number of the request; these are what a C compiler makes
+// of the header for x86-64 and AArch64. A 32-bit system has smaller structures, and is not supported.
+const _: () = {
+    assert!(QUERYCAP == 0x8068_5600);
+    assert!(ENUM_FMT == 0xc040_5602);
+    assert!(S_FMT == 0xc0d0_5605);
+    assert!(REQBUFS == 0xc014_5608);
+    assert!(QUERYBUF == 0xc058_5609);
+    assert!(QBUF == 0xc058_560f);
+    assert!(DQBUF == 0xc058_5611);
+    assert!(STREAMON == 0x4004_5612);
+    assert!(STREAMOFF == 0x4004_5613);
+    assert!(G_PARM == 0xc0cc_5615);
+    assert!(S_PARM == 0xc0cc_5616);
+    assert!(G_EXT_CTRLS == 0xc020_5647);
+    assert!(S_EXT_CTRLS == 0xc020_5648);
+    assert!(QUERY_EXT_CTRL == 0xc0e8_5667);
+    assert!(size_of::<ControlValue>() == 20);
+};

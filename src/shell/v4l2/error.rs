@@ -1,0 +1,145 @@
+//! Why a camera gives no pictures.
+
+use super::PixelFormat;
+use rustix::io::Errno;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::string::String;
+
+/// Why a camera gives no pictures, or does not do as it is told.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CameraError {
+    /// No frame came in time; the next may.
+    #[error("the camera gave no frame in time")]
+    Timeout,
+    /// The camera was there and is no more, or broke down; drop it, and open it again later.
+    #[error("{}: the camera is gone: {source}", path.display())]
+    Gone {
+        /// The video node.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The video node is missing or may not be used.
+    #[error("{}: cannot open the camera: {source}{}", path.display(), advice(source))]
+    Open {
+        /// The video node.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Somebody else has the camera.
+    #[error("{}: another program uses the camera (`fuser {}` names it)", path.display(), path.display())]
+    Busy {
+        /// The video node.
+        path: PathBuf,
+    },
+    /// A file or a node that gives no pictures.
+    #[error("{}: {reason}; `v4l2-ctl --list-devices` names the cameras and their nodes", path.display())]
+    NoCamera {
+        /// What was opened.
+        path: PathBuf,
+        /// What it is instead.
+        reason: String,
+    },
+    /// A camera without a format that is asked for, or understood.
+    #[error("{}: the camera has no format {wanted}, only {offered}", path.display())]
+    Format {
+        /// The video node.
+        path: PathBuf,
+        /// The format that was asked for, or those that are understood.
+        wanted: String,
+        /// What the camera has.
+        offered: String,
+    },
+    /// A size that the camera does not have.
+    #[error("{}: the camera has no {}x{} in {format}; the nearest is {}x{}", path.display(), wanted.0, wanted.1, nearest.0, nearest.1)]
+    Size {
+        /// The video node.
+        path: PathBuf,
+        /// The format in which the camera comes nearest.
+        format: PixelFormat,
+        /// Width and height that were asked for.
+        wanted: (u32, u32),
+        /// Width and height instead.
+        nearest: (u32, u32),
+    },
+    /// A control that the camera does not have.
+    #[error("{}: the camera has no control '{name}', only {offered}", path.display())]
+    NoControl {
+        /// The video node.
+        path: PathBuf,
+        /// What was asked for.
+        name: String,
+        /// The names of those it has.
+        offered: String,
+    },
+    /// A value that a control cannot have.
+    #[error("{}: control '{name}' cannot be {value}: {reason}", path.display())]
+    ControlValue {
+        /// The video node.
+        path: PathBuf,
+        /// The control.
+        name: String,
+        /// What was asked for.
+        value: i64,
+        /// Its range, or what the system said.
+        reason: String,
+    },
+    /// The system refuses a request.
+    #[error("{}: {request}: {source}", path.display())]
+    System {
+        /// The video node.
+        path: PathBuf,
+        /// What could not be done.
+        request: &'static str,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+impl CameraError {
+    /// Whether the camera is not there (any more): it may come back, as after its cable was pulled.
+    pub fn is_gone(&self) -> bool {
+        match self {
+            Self::Gone { .. } => true,
+            Self::Open { source, .. } => {
+                source.kind() == io::ErrorKind::NotFound
+                    || Errno::from_io_error(source).is_some_and(is_unplugged)
+            }
+            _ => false,
+        }
+    }
+
+    /// For `map_err`: `path` failed in `request`.
+    pub(super) fn system(path: &Path, request: &'static str) -> impl FnOnce(Errno) -> Self {
+        move |errno| match errno {
+            Errno::BUSY => Self::Busy { path: path.into() },
+            errno if is_unplugged(errno) => Self::gone(path)(errno),
+            _ => Self::System { path: path.into(), request, source: errno.into() },
+        }
+    }
+
+    /// For `map_err`: `path` failed while its pictures were awaited, whatever the reason.
+    pub(super) fn gone(path: &Path) -> impl FnOnce(Errno) -> Self {
+        move |errno| Self::Gone { path: path.into(), source: errno.into() }
+    }
+}
+
+/// What a driver says whose device is no longer there.
+fn is_unplugged(errno: Errno) -> bool {
+    matches!(errno, Errno::NODEV | Errno::NXIO)
+}
+
+fn advice(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::NotFound => {
+            "; is it plugged in? `v4l2-ctl --list-devices` names the cameras and their nodes"
+        }
+        io::ErrorKind::PermissionDenied => {
+            "; add the user to the group video: `sudo usermod -aG video USER`, then log in again"
+        }
+        _ => "",
+    }
+}

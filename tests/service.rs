@@ -1,0 +1,233 @@
+//! `lookout run` as a service: settings, signals, its manager.
+#![cfg(all(feature = "std", unix))]
+
+#[allow(dead_code, reason = "frames alone are drawn")]
+#[path = "common/golden.rs"]
+mod golden;
+#[allow(dead_code, reason = "every test binary uses a part of it")]
+#[path = "common/live.rs"]
+mod live;
+
+use live::{ACTIVE, Ground, PATIENCE, listed};
+use mavlink::dialects::ardupilotmega::MavMessage;
+use std::fs;
+use std::io::Read;
+use std::os::unix::net::UnixDatagram;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+fn lookout(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lookout"));
+    command.args(args).env_remove("LOOKOUT_LOG").env_remove("NOTIFY_SOCKET");
+    command
+}
+
+/// A service under way; ended with the test.
+struct Service {
+    child: Child,
+    folder: TempDir,
+}
+
+impl Service {
+    fn config(folder: &TempDir) -> PathBuf {
+        folder.path().join("lookout.toml")
+    }
+
+    /// Starts it with these settings; a word for FOLDER is put in.
+    fn start(text: &str, prepare: impl FnOnce(&mut Command, &Path)) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let config = Self::config(&folder);
+        let place = folder.path().to_str().unwrap();
+        fs::write(&config, text.replace("FOLDER", place)).unwrap();
+        let mut command = lookout(&["run", "--config", config.to_str().unwrap()]);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        prepare(&mut command, folder.path());
+        Self { child: command.spawn().unwrap(), folder }
+    }
+
+    fn signal(&self, name: &str) {
+        let id = self.child.id().to_string();
+        assert!(Command::new("kill").args([&format!("-{name}"), &id]).status().unwrap().success());
+    }
+
+    /// Waits for its end; status, standard output and errors.
+    fn ended(mut self) -> (Option<i32>, String, String, TempDir) {
+        let start = Instant::now();
+        let status = loop {
+            match self.child.try_wait().unwrap() {
+                Some(status) => break status,
+                None if start.elapsed() > PATIENCE => panic!("it does not end"),
+                None => std::thread::sleep(Duration::from_millis(20)),
+            }
+        };
+        let (mut out, mut err) = (String::new(), String::new());
+        self.child.stdout.take().unwrap().read_to_string(&mut out).unwrap();
+        self.child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
+        let folder = std::mem::replace(&mut self.folder, tempfile::tempdir().unwrap());
+        (status.code(), out, err, folder)
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        // Both fail only when it has ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A small simulated flight again and again.
+fn settings(ground: &Ground) -> String {
+    format!(
+        "source = 'simulate:hover'\nrepeat = true\nlinks = ['{}']\nthreads = 1\n\
+         [camera]\nwidth = 160\nheight = 120\nrate = 15\n",
+        ground.link()
+    )
+}
+
+fn told(output: &Output) -> String {
+    assert_eq!(output.status.code(), Some(1));
+    let text = String::from_utf8(output.stderr.clone()).unwrap();
+    assert_eq!(text.lines().count(), 1, "{text}");
+    text
+}
+
+#[test]
+fn settings_are_refused_by_name_and_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = Service::config(&folder);
+    let run = || lookout(&["run", "--config", file.to_str().unwrap()]).output().unwrap();
+    assert!(told(&run()).contains("lookout.toml: cannot read"));
+    for (text, wanted) in [
+        ("source = 'simulate:hover'\nlinkz = []\n", "line 2: unknown key linkz; is links meant?"),
+        ("source = 'simulate:hover'\n\n[camera]\nrate = 0\n", "line 4: camera.rate: expected"),
+        ("source = 'file:/nowhere'\n", "/nowhere: cannot open"),
+        ("source = 'simulate:hover'\nmodel = '/nowhere'\n", "/nowhere: cannot read"),
+        ("source = 'simulate:hover'\nevent_log = '/proc/nowhere'\n", "/proc/nowhere: cannot write"),
+        ("source = 'v4l2:/dev/video9'\ncamera.calibration = '/nowhere.yaml'\n", "/nowhere.yaml: "),
+        ("source = 'simulate:hover'\npreview = '0.0.0.0:0'\n", "line 2: preview: others can reach"),
+    ] {
+        fs::write(&file, text).unwrap();
+        let output = run();
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        let last = text.lines().last().unwrap_or_default();
+        assert!(last.starts_with("lookout: ") && last.contains(wanted), "{wanted}: {text}");
+        assert_eq!(output.status.code(), Some(1), "{text}");
+    }
+    // One line, where nothing was begun yet.
+    fs::write(&file, "source = 3\n").unwrap();
+    assert!(told(&run()).contains("line 1: source: expected"));
+}
+
+#[test]
+fn the_boards_settings_are_valid_and_explained() {
+    let boards = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/boards/linux"));
+    let files = listed(boards).into_iter().filter(|f| f.extension().is_some_and(|e| e == "toml"));
+    let mut count = 0;
+    for file in files {
+        let output = lookout(&["run", "--config", file.to_str().unwrap(), "--print-config"]);
+        let output = { output }.output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(text.contains("Default: ") && text.contains("field_of_view = 62"), "{text}");
+        count += 1;
+    }
+    assert!(count >= 4, "{count} boards");
+    assert!(lookout(&["run", "--print-config"]).output().unwrap().status.success());
+    assert_eq!(lookout(&["run"]).output().unwrap().status.code(), Some(2));
+}
+
+#[test]
+fn it_ends_by_sigterm_with_everything_whole() {
+    let mut ground = Ground::default();
+    let text =
+        format!("record = 'FOLDER/record'\nevent_log = 'FOLDER/events'\n{}", settings(&ground));
+    let service = Service::start(&text, |_, _| {});
+    ground.wait_state(ACTIVE, 0);
+    let start = Instant::now();
+    while start.elapsed() < Duration::from_secs(2) {
+        ground.hear();
+    }
+    service.signal("TERM");
+    let (status, out, err, folder) = service.ended();
+    assert_eq!(status, Some(0), "{err}");
+    assert!(
+        out.contains("frames looked at") && out.contains("exposure to last byte sent"),
+        "{out}"
+    );
+    let segment = listed(&folder.path().join("record")).swap_remove(0);
+    let replay = fs::read_to_string(segment.join("replay.txt")).unwrap();
+    let words: Vec<&str> = replay.split_whitespace().skip(1).collect();
+    let output = lookout(&words).current_dir(&segment).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let digest = String::from_utf8(output.stdout).unwrap();
+    assert!(out.contains(&format!("digest {}", digest.trim())), "{digest} in {out}");
+    for file in listed(&segment.join("frames")) {
+        assert!(!file.file_name().unwrap().to_str().unwrap().starts_with('.'), "{file:?} is half");
+    }
+}
+
+#[test]
+fn sighup_takes_what_can_change() {
+    let (mut first, mut second) = (Ground::default(), Ground::default());
+    let service = Service::start(&settings(&first), |_, _| {});
+    let file = Service::config(&service.folder);
+    first.wait_state(ACTIVE, 0);
+    // A mistake changes nothing.
+    fs::write(&file, "source = 'simulate:hover'\nbad = 1\n").unwrap();
+    service.signal("HUP");
+    std::thread::sleep(Duration::from_millis(500));
+    fs::write(&file, format!("component_id = 191\n{}", settings(&second))).unwrap();
+    service.signal("HUP");
+    second.wait_state(ACTIVE, 0);
+    // Frames go on, and the flight may be another.
+    let other = settings(&second).replace("hover", "crossing").replace("160", "192");
+    fs::write(&file, other).unwrap();
+    service.signal("HUP");
+    second.wait("frames", |m| matches!(m, MavMessage::NAMED_VALUE_FLOAT(v) if v.value > 1.0));
+    second.wait_state(ACTIVE, 0);
+    service.signal("INT");
+    let (status, _, err, _) = service.ended();
+    assert_eq!(status, Some(0), "{err}");
+    assert!(err.contains("settings stay as they are") && err.contains("line 2"), "{err}");
+    assert!(err.contains("component_id changes with the next start only"), "{err}");
+    assert!(err.contains("links changes") && err.contains("width=192"), "{err}");
+}
+
+#[test]
+fn the_manager_hears_how_it_is() {
+    let ground = Ground::default();
+    let sockets = tempfile::tempdir().unwrap();
+    let path = sockets.path().join("notify");
+    let manager = UnixDatagram::bind(&path).unwrap();
+    manager.set_read_timeout(Some(PATIENCE)).unwrap();
+    let hear = || {
+        let mut buffer = [0; 500];
+        let length = manager.recv(&mut buffer).expect("the manager hears something");
+        String::from_utf8(buffer[..length].to_vec()).unwrap()
+    };
+    let until = |wanted: &str| {
+        let mut all = Vec::new();
+        while !all.iter().any(|text: &String| text.starts_with(wanted)) {
+            assert!(all.len() < 500, "no {wanted} in {all:?}");
+            all.push(hear());
+        }
+        all
+    };
+    let service = Service::start(&settings(&ground), |command, _| {
+        command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "600000");
+    });
+    assert_eq!(until("READY=1"), ["READY=1"]);
+    until("STATUS=watching");
+    for _ in 0..3 {
+        until("WATCHDOG=1");
+    }
+    service.signal("HUP");
+    until("RELOADING=1\nMONOTONIC_USEC=");
+    until("READY=1");
+    service.signal("TERM");
+    until("STOPPING=1");
+    assert_eq!(service.ended().0, Some(0));
+}
