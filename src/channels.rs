@@ -33,8 +33,10 @@ pub struct Difference<'a> {
 
 /// The pixels of a difference image for one row of cells.
 #[derive(Debug, Clone, Copy)]
-enum DifferenceRow<'a> {
+pub enum DifferenceRow<'a> {
+    /// The pixels of its cells.
     Pixels(CellRow<'a>),
+    /// The mean over each of its cells.
     Cells(&'a [u8]),
 }
 
@@ -55,7 +57,7 @@ impl DifferenceRow<'_> {
     /// The mean over cell `x` in quarters of a grey level, at most 255: the sum of its four pixels. 0 beyond a halved
     /// picture, which may lack the last column and row.
     #[inline(always)]
-    fn quarters(&self, x: usize) -> u8 {
+    pub fn quarters(&self, x: usize) -> u8 {
         let sum = match self {
             Self::Pixels(row) => row.sum(x),
             Self::Cells(row) => row.get(x).map_or(0, |&mean| 4 * u32::from(mean)),
@@ -82,6 +84,8 @@ pub struct Newest<'a> {
     pub far: Difference<'a>,
     /// Plain difference to the frame a few before.
     pub plain: Difference<'a>,
+    /// Whether its [`Cell`]s have orientations.
+    pub oriented: bool,
 }
 
 /// The cells of a square whose upper left one is at (left, top); those outside a level of such a size are 0.
@@ -120,7 +124,7 @@ impl<'a> Slice<'a> {
     pub fn square<const N: usize>(&self, x: i32, y: i32) -> Square<N> {
         let row = |y| (CellRow::new(&self.grey, y), self.near.row(y));
         square(self.cells(), (x, y), row, |(grey, near), x| {
-            let [a, b, c, d, e, f, magnitude] = grey.energies(x);
+            let [a, b, c, d, e, f, magnitude] = grey.cell(x).energies();
             [a, b, c, d, e, f, magnitude, near.quarters(x)]
         })
     }
@@ -138,11 +142,12 @@ impl Newest<'_> {
         NewestRow {
             grey: CellRow::new(&self.slice.grey, y),
             differences: [self.far.row(y), self.slice.near.row(y), self.plain.row(y)],
+            oriented: self.oriented,
         }
     }
 }
 
-/// Channels of the newest frame: energies, magnitude, grey, differences.
+/// Channels of the newest frame: energies (0 where it has no orientations), magnitude, grey, differences.
 pub type Cell = [u8; ORIENTATIONS + 2 + DIFFERENCES];
 
 /// Where the grey level of a [`Cell`] is, and behind it the differences.
@@ -152,29 +157,31 @@ pub const GREY: usize = MAGNITUDE + 1;
 #[derive(Debug)]
 pub struct NewestRow<'a> {
     grey: CellRow<'a>,
-    differences: [DifferenceRow<'a>; DIFFERENCES],
+    /// Far, near, plain.
+    pub differences: [DifferenceRow<'a>; DIFFERENCES],
+    oriented: bool,
 }
 
 impl NewestRow<'_> {
-    /// The differences at cell `x` in quarters of a grey level, at most 255: far, near, plain.
-    #[inline(always)]
-    pub fn differences(&self, x: usize) -> [u8; DIFFERENCES] {
-        let [far, near, plain] = &self.differences;
-        [far.quarters(x), near.quarters(x), plain.quarters(x)]
-    }
-
+    /// Intensity, the differences and zeros.
     #[inline(always)]
     fn second(&self, x: usize) -> [u8; CHANNELS] {
-        let [far, near, plain] = self.differences(x);
-        [((self.grey.sum(x) + 2) >> 2) as u8, far, near, plain, 0, 0, 0, 0]
+        let [far, near, plain] = &self.differences;
+        let grey = self.grey.cell(x).grey();
+        [grey, far.quarters(x), near.quarters(x), plain.quarters(x), 0, 0, 0, 0]
     }
 
     /// The channels of cell `x`. Panics if there are not so many.
     #[inline(always)]
     pub fn cell(&self, x: usize) -> Cell {
-        let [a, b, c, d, e, f, magnitude] = self.grey.energies(x);
-        let [grey, far, near, plain, ..] = self.second(x);
-        [a, b, c, d, e, f, magnitude, grey, far, near, plain]
+        let pixels = self.grey.cell(x);
+        let [a, b, c, d, e, f, magnitude] = match self.oriented {
+            true => pixels.energies(),
+            false => [0, 0, 0, 0, 0, 0, pixels.magnitude()],
+        };
+        let [far, near, plain] = &self.differences;
+        let (far, near, plain) = (far.quarters(x), near.quarters(x), plain.quarters(x));
+        [a, b, c, d, e, f, magnitude, pixels.grey(), far, near, plain]
     }
 }
 
@@ -225,7 +232,7 @@ pub(crate) mod tests {
             };
             let grey = Image::packed(&self.pixels[0], width, height).unwrap();
             let slice = Slice { grey, near: difference(2) };
-            Newest { slice, far: difference(1), plain: difference(3) }
+            Newest { slice, far: difference(1), plain: difference(3), oriented: true }
         }
     }
 
@@ -272,7 +279,7 @@ pub(crate) mod tests {
             let (columns, rows) = newest.slice.cells();
             for (x, y) in (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))) {
                 let cell = newest.row(y).cell(x);
-                let energies = CellRow::new(&newest.slice.grey, y).energies(x);
+                let energies = CellRow::new(&newest.slice.grey, y).cell(x).energies();
                 prop_assert_eq!(&cell[..=MAGNITUDE], &energies);
                 let mean = |i: usize, step: usize| {
                     let (width, side) = (level.size.0 / (2 / step), step);

@@ -19,22 +19,30 @@ pub const SUBCELL: i32 = 4;
 /// Corners along one side of a window.
 const CORNERS: usize = WINDOW + 1;
 
+/// Room for the corners of a window: a power of two, so that looking one up needs no check.
+const ROOM: usize = (CORNERS * CORNERS).next_power_of_two();
+
 /// Sums in a patch are this many times those of the cells.
 pub const PATCH_SCALE: u32 = (SUBCELL * SUBCELL) as u32;
 
 /// One slice of a cube: a summed-area table of its cells.
 #[derive(Debug, Clone)]
 pub struct Patch {
-    corners: [[[u32; CHANNELS]; CORNERS]; CORNERS],
+    /// Row by row; what is behind the last one stays 0.
+    corners: [[u32; CHANNELS]; ROOM],
+    /// Whether nothing was cut yet.
+    blank: bool,
 }
 
 impl Patch {
     /// A patch of nothing.
-    pub const EMPTY: Self = Self { corners: [[[0; CHANNELS]; CORNERS]; CORNERS] };
+    pub const EMPTY: Self = Self { corners: [[0; CHANNELS]; ROOM], blank: true };
 
     /// Makes it a patch of nothing.
     pub fn clear(&mut self) {
-        self.corners.as_flattened_mut().fill([0; CHANNELS]);
+        if !self.blank {
+            *self = Self::EMPTY;
+        }
     }
 
     /// Cuts the window whose upper left corner is at (x, y), in quarters of a cell, out of a frame. What lies outside of
@@ -53,6 +61,7 @@ impl Patch {
     /// Sums up the window that begins `part` (quarters of a cell) right of and below the first corner of `cells`.
     fn sum_up(&mut self, cells: &Square<CORNERS>, (fx, fy): (u32, u32)) {
         let unit = SUBCELL as u32;
+        self.blank = false;
         // Of each corner of a row of cells: sums over all cells above and to the left, those of the row before it, and
         // the interpolation between it and the one to its right, of the row before.
         let mut sums = [[0u32; CHANNELS]; CORNERS + 1];
@@ -72,21 +81,21 @@ impl Patch {
                     let mixed = left[c] * (unit - fx) + right[c] * fx;
                     // Each corner is a mixture of this row's and the next one's.
                     if j < CORNERS {
-                        self.corners[j][i][c] = mixed * (unit - fy);
+                        self.corners[j * CORNERS + i][c] = mixed * (unit - fy);
                     }
                     if let Some(row) = j.checked_sub(1) {
-                        self.corners[row][i][c] += mixed * fy;
+                        self.corners[row * CORNERS + i][c] += mixed * fy;
                     }
                 }
             }
         }
     }
 
-    /// Sum of `channel` over cells `x0..x1`, `y0..y1` of the window, [`PATCH_SCALE`] times. At most 2^19.
-    /// Panics if the box leaves the window.
+    /// Sum of `channel` over cells `x0..x1`, `y0..y1` of the window, [`PATCH_SCALE`] times. At most 2^19. A number
+    /// without meaning if the box leaves the window or there is no such channel.
     #[inline]
     pub fn sum(&self, channel: usize, x0: usize, y0: usize, x1: usize, y1: usize) -> u32 {
-        let at = |x: usize, y: usize| self.corners[y][x][channel];
+        let at = |x: usize, y: usize| self.corners[(y * CORNERS + x) % ROOM][channel % CHANNELS];
         at(x1, y1).wrapping_sub(at(x0, y1)).wrapping_sub(at(x1, y0)).wrapping_add(at(x0, y0))
     }
 }

@@ -57,18 +57,36 @@ pub fn corner(
         // The last block of a row or column overlaps the one before it.
         let y = y.min(bottom - BLOCK);
         for x in (left..right).step_by(BLOCK) {
-            let x = x.min(right - BLOCK);
-            let response = responses(image, x, y);
-            for (j, row) in response.iter().enumerate() {
-                for (i, &value) in row.iter().enumerate() {
-                    if value > best.0 {
-                        best = (value, Some((x + i, y + j)));
-                    }
-                }
-            }
+            strongest(image, (x.min(right - BLOCK), y), &mut best);
         }
     }
     best.1
+}
+
+/// The strongest corner of the block around `centre`, moved as far as need be to leave out what [`corner`] leaves out.
+pub fn block_corner(image: Image<'_>, (x, y): (usize, usize)) -> Option<(usize, usize)> {
+    let first = |centre: usize, length: usize| {
+        let last = length.checked_sub(MARGIN + BLOCK).filter(|&last| last >= MARGIN)?;
+        Some(centre.saturating_sub(BLOCK / 2).clamp(MARGIN, last))
+    };
+    let mut best = (MIN_CORNER, None);
+    strongest(image, (first(x, image.width())?, first(y, image.height())?), &mut best);
+    best.1
+}
+
+/// Response and place of a corner.
+type Corner = (i32, Option<(usize, usize)>);
+
+/// Makes `best` the strongest corner of the block at (x, y), if that is stronger.
+fn strongest(image: Image<'_>, (x, y): (usize, usize), best: &mut Corner) {
+    let response = responses(image, x, y);
+    for (j, row) in response.iter().enumerate() {
+        for (i, &value) in row.iter().enumerate() {
+            if value > best.0 {
+                *best = (value, Some((x + i, y + j)));
+            }
+        }
+    }
 }
 
 /// Corner response of the block at (x, y): determinant less a sixteenth of the squared trace of the gradient matrix

@@ -145,12 +145,11 @@ impl FrontEnd {
         if self.parts.registration {
             let motion = if self.seen > 1 {
                 let [new, old] = [0, 1].map(|age| self.coarse_frames(halves, coarse, age));
-                let cell = match self.geometry.history() {
-                    History::Full => registration::MIN_CELL,
-                    // A quarter of the corners: they take most of a frame's registration.
-                    History::Half => 2 * registration::MIN_CELL,
+                let search = match self.geometry.history() {
+                    History::Full => registration::Search::Dense,
+                    History::Half => registration::Search::Sparse,
                 };
-                registration::measure((width, height), cell, &new, &old)
+                registration::measure((width, height), search, &new, &old)
             } else {
                 Motion::IDENTITY
             };

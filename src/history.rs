@@ -47,6 +47,12 @@ impl History {
         }
     }
 
+    /// Whether the scan looks at the orientations of gradients. They take half of the work on its map, so that a small
+    /// board leaves them to the cubes.
+    pub const fn oriented(self) -> bool {
+        matches!(self, Self::Full)
+    }
+
     /// Slices of a cube that are there: the newest and older ones, of 4.
     pub const fn slices(self) -> usize {
         match self {

@@ -348,6 +348,7 @@ impl<'a> Pyramid<'a> {
                 slice: slice(0),
                 far: difference(Picture::Far, 0),
                 plain: difference(Picture::Plain, 0),
+                oriented: self.geometry.history.oriented(),
             },
         }
     }

@@ -4,6 +4,7 @@
 //! computed from above, a strip of a few rows at a time, with running sums over the square around each cell.
 
 use crate::channels::{Cell, DIFFERENCES, Newest};
+use crate::gradient::ORIENTATIONS;
 use core::array::from_fn;
 
 /// Bytes of the scan's map for one cell.
@@ -21,16 +22,19 @@ const AREA: u32 = (2 * REACH as u32 + 1) * (2 * REACH as u32 + 1);
 /// Map values of a cell outside the picture: nothing there, intensity that of its surroundings.
 const OUTSIDE: [u8; MAP_CHANNELS] = [0, 0, 0, 0, 0, 0, 0, 0, 128, 128, 0, 0, 0, 0, 0, 0];
 
-/// `8 * sqrt(i)`: compresses ratios so that small ones keep their resolution.
-static ROOT: [u8; 1024] = {
-    let mut table = [0; 1024];
+/// Ratios in [`ROOT`]: the largest is 255 times the largest of [`RECIPROCAL`], Q8.
+const RATIOS: usize = 4096;
+
+/// `8 * sqrt(i)`, at most 255: compresses ratios so that small ones keep their resolution.
+static ROOT: [u8; RATIOS] = {
+    let mut table = [0; RATIOS];
     let mut root = 0u32;
     let mut i = 0;
-    while i < 1024 {
-        while (root + 1) * (root + 1) <= 64 * i {
+    while i < RATIOS as u32 {
+        while root < 255 && (root + 1) * (root + 1) <= 64 * i {
             root += 1;
         }
-        table[i as usize] = if root > 255 { 255 } else { root as u8 };
+        table[i as usize] = root as u8;
         i += 1;
     }
     table
@@ -57,10 +61,11 @@ pub fn noise(newest: &Newest<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
     for y in 0..down * BLOCK {
         let row = newest.row(y);
         let blocks = &mut blocks[y / BLOCK * across..][..across];
-        for (x, sums) in blocks.iter_mut().enumerate() {
-            for x in x * BLOCK..(x + 1) * BLOCK {
-                let differences = row.differences(x);
-                sums.iter_mut().zip(differences).for_each(|(sum, value)| *sum += u16::from(value));
+        for (i, difference) in row.differences.iter().enumerate() {
+            for (x, sums) in blocks.iter_mut().enumerate() {
+                for x in x * BLOCK..(x + 1) * BLOCK {
+                    sums[i] += u16::from(difference.quarters(x));
+                }
             }
         }
     }
@@ -96,7 +101,7 @@ fn quarter_mean(sum: u16) -> usize {
 #[inline(always)]
 fn ratio(value: u8, reciprocal: u16) -> u8 {
     let ratio = (u32::from(value) * u32::from(reciprocal)) >> 8;
-    ROOT[ratio.min(1023) as usize]
+    ROOT[ratio as usize % RATIOS]
 }
 
 /// Rows of cells over which the map is normalised.
@@ -143,7 +148,7 @@ pub struct Strip<'a> {
 /// Computes the scan's map of a level, `rows` rows at a time of which the first `shared` are the last ones of the strip
 /// before; `noise` as [`noise`] gives it, the same for all levels.
 ///
-/// Channels: 0..6 orientations and 6 magnitude against the mean magnitude around; 7 magnitude; 8 intensity against the
+/// Channels: 0..6 orientations (0 where there are none) and 6 magnitude against the mean magnitude around; 7 magnitude; 8 intensity against the
 /// mean around, relative to the magnitude around (128: equal); 9 the same in half grey levels; 10..13 the differences
 /// against the frame's noise; 13 and 15 two of them against their mean around; 14 the plain one against the magnitude.
 ///
@@ -160,7 +165,7 @@ pub fn strips(
     let stride = (columns + 2 * PADDING) * MAP_CHANNELS;
     let (strip, ring) = bytes.split_at_mut(stride * rows);
     let mut around = Around::new(newest, ring, words);
-    // Q16 reciprocals of the noise (Q4 quarters) with a floor of half a grey level.
+    // Q16 reciprocals of the noise (Q4 quarters) with a floor of half a grey level: at most 2048.
     let calm = noise.map(|n| 65536 / (n + 32));
     let height = around.rows + 2 * PADDING;
     let mut filled = 0;
@@ -246,18 +251,20 @@ impl<'a> Around<'a> {
             if inside.0 != count {
                 inside = (count, (1u32 << 18).div_ceil(count));
             }
-            *out = map_cell(cell, &around, inside.1, calm);
+            *out = map_cell(cell, &around, inside.1, calm, self.newest.oriented);
         }
     }
 }
 
-/// The map of a cell with the sums over the square around it; `inside` is the Q18 reciprocal of its cells.
+/// The map of a cell, `oriented` or not, with the sums over the square around it; `inside` is the Q18 reciprocal of its
+/// cells.
 #[inline(always)]
 fn map_cell(
     cell: &Cell,
     around: &Sums,
     inside: u32,
     calm: &[u32; DIFFERENCES],
+    oriented: bool,
 ) -> [u8; MAP_CHANNELS] {
     let [magnitude_around, grey_around, far_around, near_around] = *around;
     let energy = RECIPROCAL[quarter_mean(magnitude_around) & 1023];
@@ -266,16 +273,20 @@ fn map_cell(
     let mean = (u32::from(grey_around) * inside) >> 16;
     let above = i32::from(grey) * 4 - mean as i32;
     let byte = |value: i32| (128 + value).clamp(0, 255) as u8;
-    let loud = |value: u8, calm: u32| ROOT[((u32::from(value) * calm) >> 7).min(1023) as usize];
+    let loud = |value: u8, calm: u32| ROOT[((u32::from(value) * calm) >> 7) as usize % RATIOS];
     let local = |value: u8, sum: u16| ratio(value, RECIPROCAL[quarter_mean(sum) & 1023]);
     let quarters = usize::from(magnitude) * 4;
+    let [a, b, c, d, e, f] = match oriented {
+        true => [a, b, c, d, e, f].map(against_energy),
+        false => [0; ORIENTATIONS],
+    };
     [
-        against_energy(a),
-        against_energy(b),
-        against_energy(c),
-        against_energy(d),
-        against_energy(e),
-        against_energy(f),
+        a,
+        b,
+        c,
+        d,
+        e,
+        f,
         against_energy(magnitude),
         ROOT[quarters],
         byte((above * i32::from(energy)) >> 10),
@@ -390,9 +401,9 @@ mod tests {
         #[test]
         fn map_agrees_with_f64(
             level in level(), noise in prop::array::uniform3(prop_oneof![0..80u32, 0..4100u32]),
-            extra in 0..9usize,
+            extra in 0..9usize, oriented: bool,
         ) {
-            let newest = level.newest();
+            let newest = Newest { oriented, ..level.newest() };
             let (columns, rows) = newest.slice.cells();
             // Strips of any height give the same map.
             let out = whole(&newest, noise, (10 + extra, 9));
@@ -459,7 +470,7 @@ mod tests {
                 let mut means = vec![];
                 for by in 0..rows / 8 {
                     for bx in 0..columns / 8 {
-                        let cell = |n: usize| f64::from(newest.row(8 * by + n / 8).differences(8 * bx + n % 8)[i]);
+                        let cell = |n: usize| f64::from(newest.row(8 * by + n / 8).differences[i].quarters(8 * bx + n % 8));
                         means.push((0..64).map(cell).sum::<f64>() / 64.0);
                     }
                 }

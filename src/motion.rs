@@ -250,7 +250,8 @@ mod tests {
             let picture = Image::packed(pixels, 2 * SIDE, 2 * SIDE).unwrap();
             Slice { grey: picture, near: Difference { picture, halved: false } }
         };
-        let newest = Newest { slice: view(0), far: view(0).near, plain: view(0).near };
+        let newest =
+            Newest { slice: view(0), far: view(0).near, plain: view(0).near, oriented: true };
         Slices { slices: core::array::from_fn(|i| Some(view(i))), newest, motions, scale }
     }
 
