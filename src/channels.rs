@@ -64,6 +64,22 @@ impl DifferenceRow<'_> {
         };
         sum.min(255) as u8
     }
+
+    /// Writes [`DifferenceRow::quarters`] of the first cells into a channel that is 0.
+    fn fill(&self, cells: &mut [Cell], channel: usize) {
+        match self {
+            Self::Pixels(_) => {
+                for (x, cell) in cells.iter_mut().enumerate() {
+                    cell[channel] = self.quarters(x);
+                }
+            }
+            Self::Cells(row) => {
+                for (cell, &mean) in cells.iter_mut().zip(*row) {
+                    cell[channel] = mean.min(64).saturating_mul(4);
+                }
+            }
+        }
+    }
 }
 
 /// What is kept of a frame on a level.
@@ -171,17 +187,20 @@ impl NewestRow<'_> {
         [grey, far.quarters(x), near.quarters(x), plain.quarters(x), 0, 0, 0, 0]
     }
 
-    /// The channels of cell `x`. Panics if there are not so many.
-    #[inline(always)]
-    pub fn cell(&self, x: usize) -> Cell {
-        let pixels = self.grey.cell(x);
-        let [a, b, c, d, e, f, magnitude] = match self.oriented {
-            true => pixels.energies(),
-            false => [0, 0, 0, 0, 0, 0, pixels.magnitude()],
-        };
-        let [far, near, plain] = &self.differences;
-        let (far, near, plain) = (far.quarters(x), near.quarters(x), plain.quarters(x));
-        [a, b, c, d, e, f, magnitude, pixels.grey(), far, near, plain]
+    /// Writes the channels of the first cells. Panics if there are not so many.
+    // Channel by channel: on a microcontroller all rows at once do not fit into registers.
+    pub fn fill(&self, cells: &mut [Cell]) {
+        for (x, cell) in cells.iter_mut().enumerate() {
+            let pixels = self.grey.cell(x);
+            let [a, b, c, d, e, f, magnitude] = match self.oriented {
+                true => pixels.energies(),
+                false => [0, 0, 0, 0, 0, 0, pixels.magnitude()],
+            };
+            *cell = [a, b, c, d, e, f, magnitude, pixels.grey(), 0, 0, 0];
+        }
+        for (difference, channel) in self.differences.iter().zip(GREY + 1..) {
+            difference.fill(cells, channel);
+        }
     }
 }
 
@@ -236,6 +255,15 @@ pub(crate) mod tests {
         }
     }
 
+    /// The channels of all cells, row by row.
+    pub(crate) fn cells(newest: &Newest<'_>) -> Vec<Cell> {
+        let (columns, rows) = newest.slice.cells();
+        let mut cells = vec![[7; 11]; columns * rows];
+        let each = cells.chunks_exact_mut(columns).enumerate();
+        each.for_each(|(y, cells)| newest.row(y).fill(cells));
+        cells
+    }
+
     prop_compose! {
         /// A level of noise, of few values, or plain.
         pub(crate) fn level()(
@@ -255,6 +283,7 @@ pub(crate) mod tests {
         fn squares_are_cells_of_the_whole_level(level in level(), x in -14..30i32, y in -14..25i32) {
             let newest = level.newest();
             let (columns, rows) = newest.slice.cells();
+            let cells = cells(&newest);
             let first: Square<11> = newest.slice.square(x, y);
             let second: Square<11> = newest.square(x, y);
             for (j, (first, second)) in first.iter().zip(&second).enumerate() {
@@ -266,7 +295,7 @@ pub(crate) mod tests {
                         continue;
                     }
                     let (cx, cy) = (cx as usize, cy as usize);
-                    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = newest.row(cy).cell(cx);
+                    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = cells[cy * columns + cx];
                     prop_assert_eq!(first, &[a, b, c, d, e, f, magnitude, near]);
                     prop_assert_eq!(second, &[grey, far, near, plain, 0, 0, 0, 0]);
                 }
@@ -274,12 +303,15 @@ pub(crate) mod tests {
         }
 
         #[test]
-        fn cells_agree_with_f64(level in level()) {
-            let newest = level.newest();
-            let (columns, rows) = newest.slice.cells();
-            for (x, y) in (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))) {
-                let cell = newest.row(y).cell(x);
-                let energies = CellRow::new(&newest.slice.grey, y).cell(x).energies();
+        fn cells_agree_with_f64(level in level(), oriented: bool) {
+            let newest = Newest { oriented, ..level.newest() };
+            let columns = newest.slice.cells().0;
+            for (place, cell) in cells(&newest).iter().enumerate() {
+                let (x, y) = (place % columns, place / columns);
+                let mut energies = CellRow::new(&newest.slice.grey, y).cell(x).energies();
+                if !oriented {
+                    energies[..ORIENTATIONS].fill(0);
+                }
                 prop_assert_eq!(&cell[..=MAGNITUDE], &energies);
                 let mean = |i: usize, step: usize| {
                     let (width, side) = (level.size.0 / (2 / step), step);
@@ -300,13 +332,13 @@ pub(crate) mod tests {
         let level = Level::new(4, 4, true, |_, _| [9, 10, 20, 30]);
         let mut newest = level.newest();
         newest.far.picture = Image::packed(&[10], 1, 1).unwrap();
-        let cell = |x: usize, y: usize| newest.row(y).differences(x);
+        let cell = |x: usize, y: usize| cells(&newest)[2 * y + x][GREY + 1..].to_vec();
         assert_eq!(
             [cell(0, 0), cell(1, 0), cell(0, 1)],
             [[40, 80, 120], [0, 80, 120], [0, 80, 120]]
         );
         let plain = vec![255; 16];
         newest.far = Difference { picture: Image::packed(&plain, 4, 4).unwrap(), halved: false };
-        assert_eq!(newest.row(1).differences(1), [255, 80, 120]);
+        assert_eq!(cells(&newest)[3][GREY + 1..], [255, 80, 120]);
     }
 }

@@ -222,10 +222,8 @@ impl<'a> Around<'a> {
             let newest = self.newest;
             let row = newest.row(self.taken);
             let cells = &mut self.ring[self.taken % NEAR * self.columns..][..self.columns];
-            for (x, (cell, all)) in cells.iter_mut().zip(self.sums.iter_mut()).enumerate() {
-                *cell = row.cell(x);
-                add(all, &sums(cell));
-            }
+            row.fill(cells);
+            self.sums.iter_mut().zip(&*cells).for_each(|(all, cell)| add(all, &sums(cell)));
             self.taken += 1;
         }
     }
@@ -233,38 +231,58 @@ impl<'a> Around<'a> {
     /// The map of row `y`, around which the square is.
     #[inline(never)]
     fn map_row(&self, y: usize, calm: &[u32; DIFFERENCES], out: &mut [[u8; MAP_CHANNELS]]) {
-        let cells = &self.ring[y % NEAR * self.columns..][..self.columns];
-        let down = (y + REACH + 1).min(self.rows) - y.saturating_sub(REACH);
         let mut around = [0; 4];
         self.sums.iter().take(REACH).for_each(|column| add(&mut around, column));
-        let mut inside = (0, 0);
-        for (x, (out, cell)) in out.iter_mut().zip(cells).enumerate() {
+        // The sums over the square first, which wait where the map is going to be: all at once does not fit into the
+        // registers of a microcontroller.
+        for (x, out) in out.iter_mut().enumerate() {
             if let Some(column) = self.sums.get(x + REACH) {
                 add(&mut around, column);
             }
-            if let Some(left) = x.checked_sub(REACH + 1) {
-                take(&mut around, &self.sums[left]);
+            if let Some(column) = x.checked_sub(REACH + 1).and_then(|left| self.sums.get(left)) {
+                take(&mut around, column);
             }
+            let (sums, _) = out.as_chunks_mut();
+            sums.iter_mut().zip(around).for_each(|(out, sum)| *out = sum.to_le_bytes());
+        }
+        match self.newest.oriented {
+            true => self.map_cells::<true>(y, calm, out),
+            false => self.map_cells::<false>(y, calm, out),
+        }
+    }
+
+    /// The map of row `y`, in whose place the sums over the square around each cell are, with orientations or without.
+    #[inline(always)]
+    fn map_cells<const ORIENTED: bool>(
+        &self,
+        y: usize,
+        calm: &[u32; DIFFERENCES],
+        out: &mut [[u8; MAP_CHANNELS]],
+    ) {
+        let cells = &self.ring[y % NEAR * self.columns..][..self.columns];
+        let down = (y + REACH + 1).min(self.rows) - y.saturating_sub(REACH);
+        let mut inside = (0, 0);
+        for (x, (out, cell)) in out.iter_mut().zip(cells).enumerate() {
             // Cells of the square that lie in the picture, and their Q18 reciprocal: they change near edges only.
             let across = (x + REACH + 1).min(self.columns) - x.saturating_sub(REACH);
             let count = (across * down) as u32;
             if inside.0 != count {
                 inside = (count, (1u32 << 18).div_ceil(count));
             }
-            *out = map_cell(cell, &around, inside.1, calm, self.newest.oriented);
+            let [a, b, c, d, e, f, g, h, ..] = *out;
+            let around = [[a, b], [c, d], [e, f], [g, h]].map(u16::from_le_bytes);
+            *out = map_cell::<ORIENTED>(cell, &around, inside.1, calm);
         }
     }
 }
 
-/// The map of a cell, `oriented` or not, with the sums over the square around it; `inside` is the Q18 reciprocal of its
-/// cells.
+/// The map of a cell with the sums over the square around it; `inside` is the Q18 reciprocal of its cells.
 #[inline(always)]
-fn map_cell(
+fn map_cell<const ORIENTED: bool>(
     cell: &Cell,
     around: &Sums,
     inside: u32,
     calm: &[u32; DIFFERENCES],
-    oriented: bool,
 ) -> [u8; MAP_CHANNELS] {
     let [magnitude_around, grey_around, far_around, near_around] = *around;
     let energy = RECIPROCAL[quarter_mean(magnitude_around) & 1023];
@@ -276,7 +294,7 @@ fn map_cell(
     let loud = |value: u8, calm: u32| ROOT[((u32::from(value) * calm) >> 7) as usize % RATIOS];
     let local = |value: u8, sum: u16| ratio(value, RECIPROCAL[quarter_mean(sum) & 1023]);
     let quarters = usize::from(magnitude) * 4;
-    let [a, b, c, d, e, f] = match oriented {
+    let [a, b, c, d, e, f] = match ORIENTED {
         true => [a, b, c, d, e, f].map(against_energy),
         false => [0; ORIENTATIONS],
     };
@@ -305,7 +323,7 @@ fn map_cell(
 mod tests {
     use super::*;
     use crate::channels::MAGNITUDE;
-    use crate::channels::tests::{Level, level};
+    use crate::channels::tests::{Level, cells, level};
     use proptest::prelude::*;
     use std::vec;
     use std::vec::Vec;
@@ -408,8 +426,7 @@ mod tests {
             // Strips of any height give the same map.
             let out = whole(&newest, noise, (10 + extra, 9));
             prop_assert_eq!(&out, &whole(&newest, noise, (rows + 2 * PADDING, 0)));
-            let cells: Vec<Cell> =
-                (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).map(|(x, y)| newest.row(y).cell(x)).collect();
+            let cells = cells(&newest);
             for (place, got) in out.iter().enumerate() {
                 let stride = columns + 2 * PADDING;
                 let (x, y) = ((place % stride).wrapping_sub(PADDING), (place / stride).wrapping_sub(PADDING));

@@ -213,6 +213,7 @@ pub fn compensate(
 mod tests {
     use super::*;
     use crate::channels::{Difference, MAGNITUDE};
+    use crate::cube::Region;
     use crate::feature::{Denominator, Feature};
     use crate::image::Image;
     use crate::planar::{Sample, fit};
@@ -422,7 +423,7 @@ mod tests {
         let mut cube = empty();
         cube.slices[2].cut(&slices.slices[0].unwrap(), 40, 40);
         assert_eq!(compensate(&slices, None, Position { x: 40, y: 40 }, &mut cube), all);
-        let energy = |k: usize| cube.slices[k].sum(MAGNITUDE, 0, 0, WINDOW, WINDOW);
+        let energy = |k: usize| cube.slices[k].sum(MAGNITUDE, &Region::WHOLE);
         assert!(energy(0) > 0 && (1..SLICES).all(|k| energy(k) == 0));
     }
 

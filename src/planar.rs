@@ -128,15 +128,16 @@ pub(crate) fn fit(still: Motion, samples: &[Sample], unknowns: usize) -> Motion 
     motion.parameters[0] = median(samples.iter().map(|s| s.dx)) * 256;
     motion.parameters[1] = median(samples.iter().map(|s| s.dy)) * 256;
     let mut far = distances(&motion, samples);
+    let mut threshold = spread(&far);
     for round in 0..FIT_ROUNDS {
         let unknowns = if round < 2 { unknowns.min(6) } else { unknowns };
-        let Some(better) = weighted_fit(&motion, samples, &far, unknowns) else {
+        let Some(better) = weighted_fit(&motion, samples, &far, unknowns, threshold) else {
             return still;
         };
         motion = better;
         far = distances(&motion, samples);
+        threshold = spread(&far);
     }
-    let threshold = spread(&far);
     let inliers = far.iter().filter(|&&distance| i64::from(distance) < threshold).count();
     let valid = inliers >= MIN_INLIERS && threshold <= 3 * MAX_MEDIAN;
     // A camera on a tripod: what the noise of few corners adds to no motion would only do harm far from them.
@@ -178,14 +179,14 @@ fn median(values: impl Iterator<Item = i32>) -> i32 {
     *values.select_nth_unstable(middle).1
 }
 
-/// One least-squares fit, samples weighted by their distances from `motion`.
+/// One least-squares fit, samples weighted by their distances `far` from `motion`.
 fn weighted_fit(
     motion: &Motion,
     samples: &[Sample],
     far: &Distances,
     unknowns: usize,
+    threshold: i64,
 ) -> Option<Motion> {
-    let threshold = spread(far);
     let (mut matrix, mut right) = ([[0i64; 8]; 8], [0i64; 8]);
     for (i, row) in matrix.iter_mut().enumerate().skip(2) {
         row[i] = PRIOR;
@@ -254,7 +255,7 @@ pub(crate) mod tests {
                 Sample { x: x << 8, y: y << 8, dx: dx + jx, dy: dy + jy }
             }).collect();
             let threshold = 12 << 8;
-            let got = weighted_fit(&still, &samples, 8, threshold).unwrap();
+            let got = weighted_fit(&still, &samples, &distances(&still, &samples), 8, threshold).unwrap();
 
             let mut system = [[0.0; 9]; 8];
             for (i, row) in system.iter_mut().enumerate().skip(2) {
