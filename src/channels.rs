@@ -126,7 +126,7 @@ fn square<const N: usize, R>(
 
 /// `first + i`, unless it is negative.
 fn place(first: i32, i: usize) -> Option<usize> {
-    usize::try_from(i64::from(first) + i as i64).ok()
+    usize::try_from(first.saturating_add(i as i32)).ok()
 }
 
 impl<'a> Slice<'a> {

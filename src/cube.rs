@@ -81,10 +81,10 @@ impl Patch {
                     let mixed = left[c] * (unit - fx) + right[c] * fx;
                     // Each corner is a mixture of this row's and the next one's.
                     if j < CORNERS {
-                        self.corners[j * CORNERS + i][c] = mixed * (unit - fy);
+                        self.corners[(j * CORNERS + i) % ROOM][c] = mixed * (unit - fy);
                     }
                     if let Some(row) = j.checked_sub(1) {
-                        self.corners[row * CORNERS + i][c] += mixed * fy;
+                        self.corners[(row * CORNERS + i) % ROOM][c] += mixed * fy;
                     }
                 }
             }

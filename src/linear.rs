@@ -14,6 +14,7 @@ pub fn solve<const N: usize>(
     n: usize,
     bits: u32,
 ) -> Option<[i64; N]> {
+    let n = n.min(N);
     let mut a = a.map(|row| row.map(|v| i128::from(v) << GUARD));
     let mut b = b.map(|v| i128::from(v) << GUARD);
     for k in 0..n {

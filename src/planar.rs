@@ -208,9 +208,9 @@ fn weighted_fit(
             {
                 let weighted = weight * factor;
                 for &(j, other) in &row[n..] {
-                    matrix[i][j] += weighted * other;
+                    matrix[i % 8][j % 8] += weighted * other;
                 }
-                right[i] += weighted * i64::from(shift);
+                right[i % 8] += weighted * i64::from(shift);
             }
         }
     }
