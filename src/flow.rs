@@ -277,6 +277,21 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn a_block_is_sought_around_its_centre_within_the_margins() {
+        let pixels = render(40, 32, |x, y| texture(3.0 * x, 3.0 * y));
+        let image = Image::packed(&pixels, 40, 32).unwrap();
+        for (x, y) in (0..32).flat_map(|y| (0..40).map(move |x| (x, y))) {
+            let (left, top) = (x.clamp(11, 29) - 4, y.clamp(11, 21) - 4);
+            let whole = corner(image, (left, top), (left + BLOCK, top + BLOCK));
+            assert_eq!(block_corner(image, (x, y)), whole, "{x} {y}");
+        }
+        for (w, h) in [(0, 0), (1, 1), (21, 32), (40, 21)] {
+            let image = Image::new(&pixels, w, h, 40).unwrap();
+            assert_eq!(block_corner(image, (w / 2, h / 2)), None, "{w}x{h}");
+        }
+    }
+
+    #[test]
     fn responses_agree_with_f64() {
         let pixels = render(12, 12, |x, y| texture(3.0 * x, 3.0 * y));
         let image = Image::packed(&pixels, 12, 12).unwrap();

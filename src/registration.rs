@@ -239,6 +239,22 @@ mod tests {
     }
 
     #[test]
+    fn few_corners_tell_nearly_as_much() {
+        let (w, h) = (320, 240);
+        let truth = turned(w, h, [0.01, -0.008, 0.02]);
+        let older = render(w, h, texture);
+        let newer = render(w, h, |x, y| texture(truth(x, y).0, truth(x, y).1));
+        let mut buffers = [(); 2].map(|_| vec![0; Registration::pyramid_len(w, h)]);
+        let [old, new] = &mut buffers;
+        let old = build(Image::packed(&older, w, h).unwrap(), old);
+        let new = build(Image::packed(&newer, w, h).unwrap(), new);
+        let [dense, sparse] = [Search::Dense, Search::Sparse].map(|s| corners(new[0], s).len());
+        assert!(sparse > 40 && 3 * sparse < dense, "{sparse} of {dense} corners");
+        let motion = measure((w, h), Search::Sparse, &new, &old);
+        assert!(motion.is_valid() && error(w, h, &motion, truth) < 0.4, "{motion:?}");
+    }
+
+    #[test]
     fn noise_and_a_large_moving_thing_do_not_mislead() {
         let (w, h) = (320, 240);
         let truth = turned(w, h, [0.01, 0.005, 0.01]);

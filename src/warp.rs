@@ -129,7 +129,7 @@ impl Segment {
             let wy = dy.wrapping_add(down.wrapping_mul(i as u16)) >> 12;
             let a = blend(upper[i].into(), upper[i + 1].into(), wx);
             let b = blend(lower[i].into(), lower[i + 1].into(), wx);
-            *out = (blend(a, b, wy).wrapping_add(128) >> 8) as u8;
+            *out = ((blend(a, b, wy) + 128) >> 8) as u8;
         }
         true
     }
@@ -154,7 +154,7 @@ impl Segment {
                 blend(row[x as usize].into(), row[next].into(), wx)
             };
             let (a, b) = (across(y), across((y + 1).min(last_y)));
-            *out = (blend(a, b, wy).wrapping_add(128) >> 8) as u8;
+            *out = ((blend(a, b, wy) + 128) >> 8) as u8;
         }
     }
 }
