@@ -57,12 +57,11 @@ impl DifferenceRow<'_> {
     /// The mean over cell `x` in quarters of a grey level, at most 255: the sum of its four pixels. 0 beyond a halved
     /// picture, which may lack the last column and row.
     #[inline(always)]
-    pub fn quarters(&self, x: usize) -> u8 {
-        let sum = match self {
-            Self::Pixels(row) => row.sum(x),
-            Self::Cells(row) => row.get(x).map_or(0, |&mean| 4 * u32::from(mean)),
-        };
-        sum.min(255) as u8
+    fn quarters(&self, x: usize) -> u8 {
+        match self {
+            Self::Pixels(row) => row.sum(x).min(255) as u8,
+            Self::Cells(row) => row.get(x).map_or(0, |&mean| quarters(mean)),
+        }
     }
 
     /// Writes [`DifferenceRow::quarters`] of the first cells into a channel that is 0.
@@ -75,11 +74,35 @@ impl DifferenceRow<'_> {
             }
             Self::Cells(row) => {
                 for (cell, &mean) in cells.iter_mut().zip(*row) {
-                    cell[channel] = mean.min(64).saturating_mul(4);
+                    cell[channel] = quarters(mean);
                 }
             }
         }
     }
+
+    /// Adds [`DifferenceRow::quarters`] of each run of `length` cells to the next of `sums`.
+    pub fn sum_runs<'s>(&self, length: usize, sums: impl Iterator<Item = &'s mut u16>) {
+        match self {
+            Self::Pixels(_) => {
+                for (n, sum) in sums.enumerate() {
+                    *sum += (n * length..(n + 1) * length)
+                        .map(|x| u16::from(self.quarters(x)))
+                        .sum::<u16>();
+                }
+            }
+            Self::Cells(row) => {
+                for (sum, run) in sums.zip(row.chunks(length)) {
+                    *sum += run.iter().map(|&mean| u16::from(quarters(mean))).sum::<u16>();
+                }
+            }
+        }
+    }
+}
+
+/// A grey level in quarters, at most 255.
+#[inline(always)]
+fn quarters(mean: u8) -> u8 {
+    mean.min(64).saturating_mul(4)
 }
 
 /// What is kept of a frame on a level.
@@ -190,13 +213,16 @@ impl NewestRow<'_> {
     /// Writes the channels of the first cells. Panics if there are not so many.
     // Channel by channel: on a microcontroller all rows at once do not fit into registers.
     pub fn fill(&self, cells: &mut [Cell]) {
-        for (x, cell) in cells.iter_mut().enumerate() {
-            let pixels = self.grey.cell(x);
-            let [a, b, c, d, e, f, magnitude] = match self.oriented {
-                true => pixels.energies(),
-                false => [0, 0, 0, 0, 0, 0, pixels.magnitude()],
-            };
-            *cell = [a, b, c, d, e, f, magnitude, pixels.grey(), 0, 0, 0];
+        let pixels = cells.iter_mut().enumerate().map(|(x, cell)| (cell, self.grey.cell(x)));
+        if self.oriented {
+            for (cell, pixels) in pixels {
+                let [a, b, c, d, e, f, magnitude] = pixels.energies();
+                *cell = [a, b, c, d, e, f, magnitude, pixels.grey(), 0, 0, 0];
+            }
+        } else {
+            for (cell, pixels) in pixels {
+                *cell = [0, 0, 0, 0, 0, 0, pixels.magnitude(), pixels.grey(), 0, 0, 0];
+            }
         }
         for (difference, channel) in self.differences.iter().zip(GREY + 1..) {
             difference.fill(cells, channel);

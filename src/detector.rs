@@ -91,7 +91,7 @@ impl Config {
         Self {
             history: method.history,
             parallel: full,
-            candidates: if full { 48 } else { 24 },
+            candidates: if full { 48 } else { 20 },
             // Where older slices are not kept there is nothing to follow an object through.
             trace: full,
             registration: method.registration,

@@ -62,11 +62,7 @@ pub fn noise(newest: &Newest<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
         let row = newest.row(y);
         let blocks = &mut blocks[y / BLOCK * across..][..across];
         for (i, difference) in row.differences.iter().enumerate() {
-            for (x, sums) in blocks.iter_mut().enumerate() {
-                for x in x * BLOCK..(x + 1) * BLOCK {
-                    sums[i] += u16::from(difference.quarters(x));
-                }
-            }
+            difference.sum_runs(BLOCK, blocks.iter_mut().map(|sums| &mut sums[i]));
         }
     }
     from_fn(|i| {
@@ -322,8 +318,8 @@ fn map_cell<const ORIENTED: bool>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::channels::MAGNITUDE;
     use crate::channels::tests::{Level, cells, level};
+    use crate::channels::{GREY, MAGNITUDE};
     use proptest::prelude::*;
     use std::vec;
     use std::vec::Vec;
@@ -482,12 +478,13 @@ mod tests {
         fn noise_agrees_with_f64(level in level()) {
             let newest = level.newest();
             let (columns, rows) = newest.slice.cells();
+            let cells = cells(&newest);
             let mut words = vec![9; noise_words(columns, rows)];
             for (i, got) in noise(&newest, &mut words).into_iter().enumerate() {
                 let mut means = vec![];
                 for by in 0..rows / 8 {
                     for bx in 0..columns / 8 {
-                        let cell = |n: usize| f64::from(newest.row(8 * by + n / 8).differences[i].quarters(8 * bx + n % 8));
+                        let cell = |n: usize| f64::from(cells[(8 * by + n / 8) * columns + 8 * bx + n % 8][GREY + 1 + i]);
                         means.push((0..64).map(cell).sum::<f64>() / 64.0);
                     }
                 }

@@ -26,7 +26,7 @@ const OVERLAP: u8 = 128;
 
 /// Rows of a map that are computed at a time: those of a window and a few more, since all but the first few are moved
 /// up for the next strip.
-const STRIP_ROWS: usize = WINDOW + 7;
+const STRIP_ROWS: usize = WINDOW + 11;
 
 /// Words of a candidate in memory.
 const CANDIDATE_WORDS: usize = 5;
