@@ -33,8 +33,10 @@ pub struct Difference<'a> {
 
 /// The pixels of a difference image for one row of cells.
 #[derive(Debug, Clone, Copy)]
-enum DifferenceRow<'a> {
+pub enum DifferenceRow<'a> {
+    /// The pixels of its cells.
     Pixels(CellRow<'a>),
+    /// The mean over each of its cells.
     Cells(&'a [u8]),
 }
 
@@ -56,12 +58,51 @@ impl DifferenceRow<'_> {
     /// picture, which may lack the last column and row.
     #[inline(always)]
     fn quarters(&self, x: usize) -> u8 {
-        let sum = match self {
-            Self::Pixels(row) => row.sum(x),
-            Self::Cells(row) => row.get(x).map_or(0, |&mean| 4 * u32::from(mean)),
-        };
-        sum.min(255) as u8
+        match self {
+            Self::Pixels(row) => row.sum(x).min(255) as u8,
+            Self::Cells(row) => row.get(x).map_or(0, |&mean| quarters(mean)),
+        }
     }
+
+    /// Writes [`DifferenceRow::quarters`] of the first cells into a channel that is 0.
+    fn fill(&self, cells: &mut [Cell], channel: usize) {
+        match self {
+            Self::Pixels(_) => {
+                for (x, cell) in cells.iter_mut().enumerate() {
+                    cell[channel] = self.quarters(x);
+                }
+            }
+            Self::Cells(row) => {
+                for (cell, &mean) in cells.iter_mut().zip(*row) {
+                    cell[channel] = quarters(mean);
+                }
+            }
+        }
+    }
+
+    /// Adds [`DifferenceRow::quarters`] of each run of `length` cells to the next of `sums`.
+    pub fn sum_runs<'s>(&self, length: usize, sums: impl Iterator<Item = &'s mut u16>) {
+        match self {
+            Self::Pixels(_) => {
+                for (n, sum) in sums.enumerate() {
+                    *sum += (n * length..(n + 1) * length)
+                        .map(|x| u16::from(self.quarters(x)))
+                        .sum::<u16>();
+                }
+            }
+            Self::Cells(row) => {
+                for (sum, run) in sums.zip(row.chunks(length)) {
+                    *sum += run.iter().map(|&mean| u16::from(quarters(mean))).sum::<u16>();
+                }
+            }
+        }
+    }
+}
+
+/// A grey level in quarters, at most 255.
+#[inline(always)]
+fn quarters(mean: u8) -> u8 {
+    mean.min(64).saturating_mul(4)
 }
 
 /// What is kept of a frame on a level.
@@ -82,6 +123,8 @@ pub struct Newest<'a> {
     pub far: Difference<'a>,
     /// Plain difference to the frame a few before.
     pub plain: Difference<'a>,
+    /// Whether its [`Cell`]s have orientations.
+    pub oriented: bool,
 }
 
 /// The cells of a square whose upper left one is at (left, top); those outside a level of such a size are 0.
@@ -106,7 +149,7 @@ fn square<const N: usize, R>(
 
 /// `first + i`, unless it is negative.
 fn place(first: i32, i: usize) -> Option<usize> {
-    usize::try_from(i64::from(first) + i as i64).ok()
+    usize::try_from(first.saturating_add(i as i32)).ok()
 }
 
 impl<'a> Slice<'a> {
@@ -120,7 +163,7 @@ impl<'a> Slice<'a> {
     pub fn square<const N: usize>(&self, x: i32, y: i32) -> Square<N> {
         let row = |y| (CellRow::new(&self.grey, y), self.near.row(y));
         square(self.cells(), (x, y), row, |(grey, near), x| {
-            let [a, b, c, d, e, f, magnitude] = grey.energies(x);
+            let [a, b, c, d, e, f, magnitude] = grey.cell(x).energies();
             [a, b, c, d, e, f, magnitude, near.quarters(x)]
         })
     }
@@ -138,11 +181,12 @@ impl Newest<'_> {
         NewestRow {
             grey: CellRow::new(&self.slice.grey, y),
             differences: [self.far.row(y), self.slice.near.row(y), self.plain.row(y)],
+            oriented: self.oriented,
         }
     }
 }
 
-/// Channels of the newest frame: energies, magnitude, grey, differences.
+/// Channels of the newest frame: energies (0 where it has no orientations), magnitude, grey, differences.
 pub type Cell = [u8; ORIENTATIONS + 2 + DIFFERENCES];
 
 /// Where the grey level of a [`Cell`] is, and behind it the differences.
@@ -152,28 +196,37 @@ pub const GREY: usize = MAGNITUDE + 1;
 #[derive(Debug)]
 pub struct NewestRow<'a> {
     grey: CellRow<'a>,
-    differences: [DifferenceRow<'a>; DIFFERENCES],
+    /// Far, near, plain.
+    pub differences: [DifferenceRow<'a>; DIFFERENCES],
+    oriented: bool,
 }
 
 impl NewestRow<'_> {
-    /// The differences at cell `x` in quarters of a grey level, at most 255: far, near, plain.
-    #[inline(always)]
-    pub fn differences(&self, x: usize) -> [u8; DIFFERENCES] {
-        self.differences.each_ref().map(|row| row.quarters(x))
-    }
-
+    /// Intensity, the differences and zeros.
     #[inline(always)]
     fn second(&self, x: usize) -> [u8; CHANNELS] {
-        let [far, near, plain] = self.differences(x);
-        [((self.grey.sum(x) + 2) >> 2) as u8, far, near, plain, 0, 0, 0, 0]
+        let [far, near, plain] = &self.differences;
+        let grey = self.grey.cell(x).grey();
+        [grey, far.quarters(x), near.quarters(x), plain.quarters(x), 0, 0, 0, 0]
     }
 
-    /// The channels of cell `x`. Panics if there are not so many.
-    #[inline(always)]
-    pub fn cell(&self, x: usize) -> Cell {
-        let [a, b, c, d, e, f, magnitude] = self.grey.energies(x);
-        let [grey, far, near, plain, ..] = self.second(x);
-        [a, b, c, d, e, f, magnitude, grey, far, near, plain]
+    /// Writes the channels of the first cells. Panics if there are not so many.
+    // Channel by channel: on a microcontroller all rows at once do not fit into registers.
+    pub fn fill(&self, cells: &mut [Cell]) {
+        let pixels = cells.iter_mut().enumerate().map(|(x, cell)| (cell, self.grey.cell(x)));
+        if self.oriented {
+            for (cell, pixels) in pixels {
+                let [a, b, c, d, e, f, magnitude] = pixels.energies();
+                *cell = [a, b, c, d, e, f, magnitude, pixels.grey(), 0, 0, 0];
+            }
+        } else {
+            for (cell, pixels) in pixels {
+                *cell = [0, 0, 0, 0, 0, 0, pixels.magnitude(), pixels.grey(), 0, 0, 0];
+            }
+        }
+        for (difference, channel) in self.differences.iter().zip(GREY + 1..) {
+            difference.fill(cells, channel);
+        }
     }
 }
 
@@ -224,8 +277,17 @@ pub(crate) mod tests {
             };
             let grey = Image::packed(&self.pixels[0], width, height).unwrap();
             let slice = Slice { grey, near: difference(2) };
-            Newest { slice, far: difference(1), plain: difference(3) }
+            Newest { slice, far: difference(1), plain: difference(3), oriented: true }
         }
+    }
+
+    /// The channels of all cells, row by row.
+    pub(crate) fn cells(newest: &Newest<'_>) -> Vec<Cell> {
+        let (columns, rows) = newest.slice.cells();
+        let mut cells = vec![[7; 11]; columns * rows];
+        let each = cells.chunks_exact_mut(columns).enumerate();
+        each.for_each(|(y, cells)| newest.row(y).fill(cells));
+        cells
     }
 
     prop_compose! {
@@ -247,6 +309,7 @@ pub(crate) mod tests {
         fn squares_are_cells_of_the_whole_level(level in level(), x in -14..30i32, y in -14..25i32) {
             let newest = level.newest();
             let (columns, rows) = newest.slice.cells();
+            let cells = cells(&newest);
             let first: Square<11> = newest.slice.square(x, y);
             let second: Square<11> = newest.square(x, y);
             for (j, (first, second)) in first.iter().zip(&second).enumerate() {
@@ -258,7 +321,7 @@ pub(crate) mod tests {
                         continue;
                     }
                     let (cx, cy) = (cx as usize, cy as usize);
-                    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = newest.row(cy).cell(cx);
+                    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = cells[cy * columns + cx];
                     prop_assert_eq!(first, &[a, b, c, d, e, f, magnitude, near]);
                     prop_assert_eq!(second, &[grey, far, near, plain, 0, 0, 0, 0]);
                 }
@@ -266,12 +329,15 @@ pub(crate) mod tests {
         }
 
         #[test]
-        fn cells_agree_with_f64(level in level()) {
-            let newest = level.newest();
-            let (columns, rows) = newest.slice.cells();
-            for (x, y) in (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))) {
-                let cell = newest.row(y).cell(x);
-                let energies = CellRow::new(&newest.slice.grey, y).energies(x);
+        fn cells_agree_with_f64(level in level(), oriented: bool) {
+            let newest = Newest { oriented, ..level.newest() };
+            let columns = newest.slice.cells().0;
+            for (place, cell) in cells(&newest).iter().enumerate() {
+                let (x, y) = (place % columns, place / columns);
+                let mut energies = CellRow::new(&newest.slice.grey, y).cell(x).energies();
+                if !oriented {
+                    energies[..ORIENTATIONS].fill(0);
+                }
                 prop_assert_eq!(&cell[..=MAGNITUDE], &energies);
                 let mean = |i: usize, step: usize| {
                     let (width, side) = (level.size.0 / (2 / step), step);
@@ -292,13 +358,13 @@ pub(crate) mod tests {
         let level = Level::new(4, 4, true, |_, _| [9, 10, 20, 30]);
         let mut newest = level.newest();
         newest.far.picture = Image::packed(&[10], 1, 1).unwrap();
-        let cell = |x: usize, y: usize| newest.row(y).differences(x);
+        let cell = |x: usize, y: usize| cells(&newest)[2 * y + x][GREY + 1..].to_vec();
         assert_eq!(
             [cell(0, 0), cell(1, 0), cell(0, 1)],
             [[40, 80, 120], [0, 80, 120], [0, 80, 120]]
         );
         let plain = vec![255; 16];
         newest.far = Difference { picture: Image::packed(&plain, 4, 4).unwrap(), halved: false };
-        assert_eq!(newest.row(1).differences(1), [255, 80, 120]);
+        assert_eq!(cells(&newest)[3][GREY + 1..], [255, 80, 120]);
     }
 }

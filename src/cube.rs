@@ -19,22 +19,30 @@ pub const SUBCELL: i32 = 4;
 /// Corners along one side of a window.
 const CORNERS: usize = WINDOW + 1;
 
+/// Room for the corners of a window: a power of two, so that looking one up needs no check.
+const ROOM: usize = (CORNERS * CORNERS).next_power_of_two();
+
 /// Sums in a patch are this many times those of the cells.
 pub const PATCH_SCALE: u32 = (SUBCELL * SUBCELL) as u32;
 
 /// One slice of a cube: a summed-area table of its cells.
 #[derive(Debug, Clone)]
 pub struct Patch {
-    corners: [[[u32; CHANNELS]; CORNERS]; CORNERS],
+    /// Row by row; what is behind the last one stays 0.
+    corners: [[u32; CHANNELS]; ROOM],
+    /// Whether nothing was cut yet.
+    blank: bool,
 }
 
 impl Patch {
     /// A patch of nothing.
-    pub const EMPTY: Self = Self { corners: [[[0; CHANNELS]; CORNERS]; CORNERS] };
+    pub const EMPTY: Self = Self { corners: [[0; CHANNELS]; ROOM], blank: true };
 
     /// Makes it a patch of nothing.
     pub fn clear(&mut self) {
-        self.corners.as_flattened_mut().fill([0; CHANNELS]);
+        if !self.blank {
+            *self = Self::EMPTY;
+        }
     }
 
     /// Cuts the window whose upper left corner is at (x, y), in quarters of a cell, out of a frame. What lies outside of
@@ -53,6 +61,7 @@ impl Patch {
     /// Sums up the window that begins `part` (quarters of a cell) right of and below the first corner of `cells`.
     fn sum_up(&mut self, cells: &Square<CORNERS>, (fx, fy): (u32, u32)) {
         let unit = SUBCELL as u32;
+        self.blank = false;
         // Of each corner of a row of cells: sums over all cells above and to the left, those of the row before it, and
         // the interpolation between it and the one to its right, of the row before.
         let mut sums = [[0u32; CHANNELS]; CORNERS + 1];
@@ -72,22 +81,48 @@ impl Patch {
                     let mixed = left[c] * (unit - fx) + right[c] * fx;
                     // Each corner is a mixture of this row's and the next one's.
                     if j < CORNERS {
-                        self.corners[j][i][c] = mixed * (unit - fy);
+                        self.corners[(j * CORNERS + i) % ROOM][c] = mixed * (unit - fy);
                     }
                     if let Some(row) = j.checked_sub(1) {
-                        self.corners[row][i][c] += mixed * fy;
+                        self.corners[(row * CORNERS + i) % ROOM][c] += mixed * fy;
                     }
                 }
             }
         }
     }
 
-    /// Sum of `channel` over cells `x0..x1`, `y0..y1` of the window, [`PATCH_SCALE`] times. At most 2^19.
-    /// Panics if the box leaves the window.
-    #[inline]
-    pub fn sum(&self, channel: usize, x0: usize, y0: usize, x1: usize, y1: usize) -> u32 {
-        let at = |x: usize, y: usize| self.corners[y][x][channel];
-        at(x1, y1).wrapping_sub(at(x0, y1)).wrapping_sub(at(x1, y0)).wrapping_add(at(x0, y0))
+    /// Sum of `channel` over cells of the window, [`PATCH_SCALE`] times. At most 2^19. A number without meaning if there
+    /// is no such channel.
+    #[inline(always)]
+    pub fn sum(&self, channel: usize, &Region { corners: [a, b, c, d] }: &Region) -> u32 {
+        let at = |corner: u8| self.corners[usize::from(corner) % ROOM][channel % CHANNELS];
+        at(a).wrapping_sub(at(b)).wrapping_sub(at(c)).wrapping_add(at(d))
+    }
+}
+
+/// Cells of a window, as the numbers of its corners: upper left, upper right, lower left, lower right.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Region {
+    corners: [u8; 4],
+}
+
+impl Region {
+    /// All cells.
+    pub const WHOLE: Self = Self::new((0, WINDOW as u8), (0, WINDOW as u8));
+
+    /// Columns `x.0..x.1` and rows `y.0..y.1`, at most [`WINDOW`].
+    #[inline(always)]
+    pub const fn new(x: (u8, u8), y: (u8, u8)) -> Self {
+        const ROW: u8 = CORNERS as u8;
+        let (upper, lower) = (y.0.wrapping_mul(ROW), y.1.wrapping_mul(ROW));
+        Self {
+            corners: [
+                upper.wrapping_add(x.0),
+                upper.wrapping_add(x.1),
+                lower.wrapping_add(x.0),
+                lower.wrapping_add(x.1),
+            ],
+        }
     }
 }
 
@@ -123,7 +158,7 @@ impl Cube {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::channels::tests::level;
+    use crate::channels::tests::{cells, level};
     use proptest::prelude::*;
 
     /// Cuts a patch out of a level of `columns` cells in a row.
@@ -166,17 +201,15 @@ pub(crate) mod tests {
                     }
                 }
             }
-            prop_assert_eq!(i64::from(patch.sum(3, bx, by, x1, y1)), naive);
+            prop_assert_eq!(i64::from(patch.sum(3, &Region::new((bx as u8, x1 as u8), (by as u8, y1 as u8)))), naive);
         }
 
         #[test]
         fn patches_of_pictures_are_those_of_their_cells(level in level(), x in -60..100i32, y in -60..80i32) {
             let newest = level.newest();
-            let (columns, rows) = newest.slice.cells();
+            let columns = newest.slice.cells().0;
             let all = |second: bool| -> std::vec::Vec<[u8; CHANNELS]> {
-                let place = |n: usize| (n % columns, n / columns);
-                (0..columns * rows).map(place).map(|(x, y)| {
-                    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = newest.row(y).cell(x);
+                cells(&newest).into_iter().map(|[a, b, c, d, e, f, magnitude, grey, far, near, plain]| {
                     if second { [grey, far, near, plain, 0, 0, 0, 0] } else { [a, b, c, d, e, f, magnitude, near] }
                 }).collect()
             };

@@ -10,6 +10,7 @@ use crate::motion::Alignment;
 use crate::nms;
 use crate::persistence::Persistence;
 use crate::planar::Motion;
+use crate::scan::Candidate;
 use crate::search::{self, Counts, Scratch, nominal, window};
 
 pub use crate::cube::SLICES;
@@ -21,7 +22,7 @@ pub use crate::search::MAX_CANDIDATES;
 pub const MAX_DETECTIONS: usize = 64;
 
 /// Most detections of a frame that are looked at again, the surest ones, with a full history and with a half one.
-const MAX_REFINED: [usize; 2] = [10, 4];
+const MAX_REFINED: [usize; 2] = [10, 3];
 
 /// Overlap (IoU, Q8) above which the weaker of two detections goes.
 const DETECTION_OVERLAP: u8 = 64;
@@ -90,7 +91,7 @@ impl Config {
         Self {
             history: method.history,
             parallel: full,
-            candidates: if full { 48 } else { 24 },
+            candidates: if full { 48 } else { 20 },
             // Where older slices are not kept there is nothing to follow an object through.
             trace: full,
             registration: method.registration,
@@ -268,6 +269,7 @@ impl<'m, 'b> Detector<'m, 'b> {
     ///
     /// # Errors
     /// As [`Detector::process`].
+    #[inline(never)]
     pub fn process_observed(
         &mut self,
         frame: Image<'_>,
@@ -302,41 +304,7 @@ impl<'m, 'b> Detector<'m, 'b> {
             front,
             pyramid,
         };
-        let mut found: heapless::Vec<Judged, MAX_CANDIDATES> = heapless::Vec::new();
-        let mut cube = Cube::EMPTY;
-        for candidate in &candidates {
-            let level = &pyramid.levels()[usize::from(candidate.level)];
-            // As much room as there are candidates, here and below.
-            let _ = detections.proposals.push(nominal(window(candidate), level));
-            if let Some(judged) = judge.candidate(candidate, &mut cube) {
-                let _ = found.push(judged);
-            }
-        }
-        found.sort_unstable_by_key(Judged::rank);
-        let suppress = |found: &mut [Judged]| {
-            nms::suppress(found, |j| j.detection.rect, DETECTION_OVERLAP, MAX_DETECTIONS)
-        };
-        let (length, dropped) = suppress(&mut found);
-        found.truncate(length);
-        detections.dropped += dropped;
-        observer(Stage::Cubes);
-        for judged in found.iter_mut().take(MAX_REFINED[config.history as usize]) {
-            judge.refine(judged, &mut cube);
-        }
-        if config.persistence {
-            for Judged { detection, .. } in &mut found {
-                let Detection { rect, score, shifts } = *detection;
-                let [Shift { x, y }, ..] = shifts;
-                let before = Rect { x: rect.x + x, y: rect.y + y, ..rect };
-                (detection.rect, detection.score) = persistence.weigh(rect, score, before);
-            }
-            persistence.remember(found.iter().map(|j| (j.detection.rect, j.detection.score)));
-        }
-        found.retain(|judged| judged.detection.score >= config.threshold);
-        found.sort_unstable_by_key(Judged::rank);
-        let (length, _) = suppress(&mut found);
-        found.truncate(length);
-        detections.list.extend(found.iter().map(|j| j.detection));
+        decide(config, &judge, &candidates, persistence, &mut detections, observer);
         observer(Stage::Boxes);
         Ok(detections)
     }
@@ -345,4 +313,52 @@ impl<'m, 'b> Detector<'m, 'b> {
     pub fn release(self) -> Buffers<'b> {
         self.buffers
     }
+}
+
+/// Judges the candidates and fills the lists of `detections`.
+// Not inlined: the cube and the lists are to be on the stack only now.
+#[inline(never)]
+fn decide(
+    config: &Config,
+    judge: &Judge<'_>,
+    candidates: &[Candidate],
+    persistence: &mut Persistence<MAX_DETECTIONS>,
+    detections: &mut Detections,
+    observer: &mut dyn FnMut(Stage),
+) {
+    let mut found: heapless::Vec<Judged, MAX_CANDIDATES> = heapless::Vec::new();
+    let mut cube = Cube::EMPTY;
+    for candidate in candidates {
+        let level = &judge.pyramid.levels()[usize::from(candidate.level)];
+        // As much room as there are candidates, here and below.
+        let _ = detections.proposals.push(nominal(window(candidate), level));
+        if let Some(judged) = judge.candidate(candidate, &mut cube) {
+            let _ = found.push(judged);
+        }
+    }
+    found.sort_unstable_by_key(Judged::rank);
+    let suppress = |found: &mut [Judged]| {
+        nms::suppress(found, |j| j.detection.rect, DETECTION_OVERLAP, MAX_DETECTIONS)
+    };
+    let (length, dropped) = suppress(&mut found);
+    found.truncate(length);
+    detections.dropped += dropped;
+    observer(Stage::Cubes);
+    for judged in found.iter_mut().take(MAX_REFINED[config.history as usize]) {
+        judge.refine(judged, &mut cube);
+    }
+    if config.persistence {
+        for Judged { detection, .. } in &mut found {
+            let Detection { rect, score, shifts } = *detection;
+            let [Shift { x, y }, ..] = shifts;
+            let before = Rect { x: rect.x + x, y: rect.y + y, ..rect };
+            (detection.rect, detection.score) = persistence.weigh(rect, score, before);
+        }
+        persistence.remember(found.iter().map(|j| (j.detection.rect, j.detection.score)));
+    }
+    found.retain(|judged| judged.detection.score >= config.threshold);
+    found.sort_unstable_by_key(Judged::rank);
+    let (length, _) = suppress(&mut found);
+    found.truncate(length);
+    detections.list.extend(found.iter().map(|j| j.detection));
 }

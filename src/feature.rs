@@ -6,7 +6,7 @@
 //! is compared with a threshold by cross-multiplication.
 
 use crate::channels::MAGNITUDE;
-use crate::cube::{Cube, PATCH_SCALE, Patch, SCALARS, SLICES, WINDOW};
+use crate::cube::{Cube, PATCH_SCALE, Patch, Region, SCALARS, SLICES, WINDOW};
 
 /// Fraction bits of a ratio.
 pub const RATIO_BITS: u32 = 10;
@@ -82,18 +82,6 @@ impl Feature {
         [denominator as u8, channel, x.0, x.1, y.0, y.1, t.0, t.1]
     }
 
-    /// Sum of `channel` over this box (or the whole window) of `slices`.
-    #[inline]
-    fn sum(&self, slices: &[Patch], channel: usize, whole: bool) -> u32 {
-        let ((x0, x1), (y0, y1)) = if whole {
-            ((0, WINDOW), (0, WINDOW))
-        } else {
-            let wide = |r: (u8, u8)| (usize::from(r.0), usize::from(r.1));
-            (wide(self.x), wide(self.y))
-        };
-        slices.iter().map(|patch| patch.sum(channel, x0, y0, x1, y1)).sum()
-    }
-
     /// Numerator and denominator: at most 2^21 each, the denominator at least 1.
     #[inline]
     fn ratio(&self, slices: &[Patch], newest: &Patch, scalars: &[u16; SCALARS]) -> (u32, u32) {
@@ -107,11 +95,12 @@ impl Feature {
             None => (own, channel),
         };
         let count = own.len() as u32;
-        let numerator = self.sum(from, own_channel, false);
+        let own_region = Region::new(self.x, self.y);
+        let numerator = sum(from, own_channel, &own_region);
         let denominator = match self.denominator {
-            Denominator::SameBox => self.sum(own, MAGNITUDE, false) + FLOOR * count,
-            Denominator::Window => self.sum(own, MAGNITUDE, true) + FLOOR * count,
-            Denominator::SameChannel => self.sum(from, own_channel, true) + FLOOR * count,
+            Denominator::SameBox => sum(own, MAGNITUDE, &own_region) + FLOOR * count,
+            Denominator::Window => sum(own, MAGNITUDE, &Region::WHOLE) + FLOOR * count,
+            Denominator::SameChannel => sum(from, own_channel, &Region::WHOLE) + FLOOR * count,
             Denominator::Cells | Denominator::Scalar => {
                 let cells = u32::from(self.x.1 - self.x.0) * u32::from(self.y.1 - self.y.0);
                 cells * PATCH_SCALE * count * 4
@@ -139,6 +128,16 @@ impl Feature {
         threshold != u16::MAX
             && u64::from(numerator) << RATIO_BITS
                 >= (u64::from(threshold) + 1) * u64::from(denominator)
+    }
+}
+
+/// Sum of `channel` over a region of slices.
+#[inline(always)]
+fn sum(slices: &[Patch], channel: usize, region: &Region) -> u32 {
+    match slices {
+        // All that a small board has.
+        [patch] => patch.sum(channel, region),
+        _ => slices.iter().map(|patch| patch.sum(channel, region)).sum(),
     }
 }
 
@@ -234,7 +233,7 @@ mod tests {
     }
 
     /// Sum of a channel over a box of the window, each of whose cells is a mixture of four of the table.
-    fn sum((cells, x, y): &Cells, channel: usize, across: (u8, u8), down: (u8, u8)) -> f64 {
+    fn naive_sum((cells, x, y): &Cells, channel: usize, across: (u8, u8), down: (u8, u8)) -> f64 {
         let value = |i: i32, j: i32| {
             let inside = (0..SIDE as i32).contains(&i) && (0..SIDE as i32).contains(&j);
             if inside { f64::from(cells[j as usize * SIDE + i as usize][channel]) } else { 0.0 }
@@ -270,7 +269,7 @@ mod tests {
         let whole = (0, WINDOW as u8);
         let own = &slices[usize::from(f.t.0)..usize::from(f.t.1)];
         let over = |from: &[Cells], channel: usize, x, y| -> f64 {
-            from.iter().map(|cells| sum(cells, channel, x, y)).sum()
+            from.iter().map(|cells| naive_sum(cells, channel, x, y)).sum()
         };
         let (from, own_channel) =
             if channel < 8 { (own, channel) } else { (core::slice::from_ref(newest), channel - 8) };

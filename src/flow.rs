@@ -57,22 +57,41 @@ pub fn corner(
         // The last block of a row or column overlaps the one before it.
         let y = y.min(bottom - BLOCK);
         for x in (left..right).step_by(BLOCK) {
-            let x = x.min(right - BLOCK);
-            let response = responses(image, x, y);
-            for (j, row) in response.iter().enumerate() {
-                for (i, &value) in row.iter().enumerate() {
-                    if value > best.0 {
-                        best = (value, Some((x + i, y + j)));
-                    }
-                }
-            }
+            strongest(image, (x.min(right - BLOCK), y), &mut best);
         }
     }
     best.1
 }
 
+/// The strongest corner of the block around `centre`, moved as far as need be to leave out what [`corner`] leaves out.
+pub fn block_corner(image: Image<'_>, (x, y): (usize, usize)) -> Option<(usize, usize)> {
+    let first = |centre: usize, length: usize| {
+        let last = length.checked_sub(MARGIN + BLOCK).filter(|&last| last >= MARGIN)?;
+        Some(centre.saturating_sub(BLOCK / 2).clamp(MARGIN, last))
+    };
+    let mut best = (MIN_CORNER, None);
+    strongest(image, (first(x, image.width())?, first(y, image.height())?), &mut best);
+    best.1
+}
+
+/// Response and place of a corner.
+type Corner = (i32, Option<(usize, usize)>);
+
+/// Makes `best` the strongest corner of the block at (x, y), if that is stronger.
+fn strongest(image: Image<'_>, (x, y): (usize, usize), best: &mut Corner) {
+    let response = responses(image, x, y);
+    for (j, row) in response.iter().enumerate() {
+        for (i, &value) in row.iter().enumerate() {
+            if value > best.0 {
+                *best = (value, Some((x + i, y + j)));
+            }
+        }
+    }
+}
+
 /// Corner response of the block at (x, y): determinant less a sixteenth of the squared trace of the gradient matrix
 /// summed over 3x3 pixels.
+#[inline(never)]
 fn responses(image: Image<'_>, x: usize, y: usize) -> [[i32; BLOCK]; BLOCK] {
     const N: usize = BLOCK + 2;
     let mut sums = [[[0i16; BLOCK]; BLOCK]; 3];
@@ -254,6 +273,21 @@ pub(crate) mod tests {
         assert_eq!(corner(image, (24, 18), (40, 32)), None, "nothing there");
         for (w, h) in [(0, 0), (1, 1), (5, 32), (22, 21)] {
             let _ = corner(Image::new(&pixels, w, h, 40).unwrap(), (0, 0), (w, h));
+        }
+    }
+
+    #[test]
+    fn a_block_is_sought_around_its_centre_within_the_margins() {
+        let pixels = render(40, 32, |x, y| texture(3.0 * x, 3.0 * y));
+        let image = Image::packed(&pixels, 40, 32).unwrap();
+        for (x, y) in (0..32).flat_map(|y| (0..40).map(move |x| (x, y))) {
+            let (left, top) = (x.clamp(11, 29) - 4, y.clamp(11, 21) - 4);
+            let whole = corner(image, (left, top), (left + BLOCK, top + BLOCK));
+            assert_eq!(block_corner(image, (x, y)), whole, "{x} {y}");
+        }
+        for (w, h) in [(0, 0), (1, 1), (21, 32), (40, 21)] {
+            let image = Image::new(&pixels, w, h, 40).unwrap();
+            assert_eq!(block_corner(image, (w / 2, h / 2)), None, "{w}x{h}");
         }
     }
 

@@ -6,7 +6,7 @@
 use crate::cube::SLICES;
 use crate::history::{FARTHEST, History, Ring};
 use crate::image::Image;
-use crate::levels::{self, Geometry, Picture, Pictures, Pyramid};
+use crate::levels::{self, Geometry, Halvings, Picture, Pictures, Pyramid};
 use crate::motion::Slices;
 use crate::pyramid;
 use crate::registration::{self, LEVELS, Motion};
@@ -74,7 +74,7 @@ impl FrontEnd {
             seen: 0,
             frames: Ring::new(history.frames()),
             halves: Ring::new(history.halves()),
-            coarse: Ring::new(2),
+            coarse: Ring::new(history.coarse()),
             slots: Ring::new(history.slices()),
         }
     }
@@ -91,7 +91,7 @@ impl FrontEnd {
         let warped = pixels(width, height, history.octave() as usize);
         history.frames() * width * height
             + history.halves() * pixels(width, height, 1)
-            + 2 * coarse_len(width, height)
+            + history.coarse() * coarse_len(width, height)
             + geometry.bytes_len()
             + if scratch > warped { scratch } else { warped }
     }
@@ -100,7 +100,7 @@ impl FrontEnd {
         let (width, height, history) = (self.width, self.height, self.geometry.history());
         let (frames, rest) = bytes.split_at_mut(history.frames() * width * height);
         let (halves, rest) = rest.split_at_mut(history.halves() * pixels(width, height, 1));
-        let (coarse, rest) = rest.split_at_mut(2 * coarse_len(width, height));
+        let (coarse, rest) = rest.split_at_mut(history.coarse() * coarse_len(width, height));
         let (levels, scratch) = rest.split_at_mut(self.geometry.bytes_len());
         Divided { frames, halves, coarse, levels, scratch }
     }
@@ -122,6 +122,7 @@ impl FrontEnd {
 
     /// Takes in one frame and measures its motion. Panics if the frame has another size or the memory is not that of
     /// the last call.
+    #[inline(never)]
     pub fn take(&mut self, frame: Image<'_>, bytes: &mut [u8]) {
         let (width, height) = (self.width, self.height);
         for ring in [&mut self.frames, &mut self.halves, &mut self.coarse, &mut self.slots] {
@@ -144,7 +145,11 @@ impl FrontEnd {
         if self.parts.registration {
             let motion = if self.seen > 1 {
                 let [new, old] = [0, 1].map(|age| self.coarse_frames(halves, coarse, age));
-                registration::measure((width, height), &new, &old)
+                let search = match self.geometry.history() {
+                    History::Full => registration::Search::Dense,
+                    History::Half => registration::Search::Sparse,
+                };
+                registration::measure((width, height), search, &new, &old)
             } else {
                 Motion::IDENTITY
             };
@@ -153,7 +158,7 @@ impl FrontEnd {
         }
     }
 
-    /// The halves of one of the last two frames, finest first.
+    /// The halves of one of the last frames, finest first.
     fn coarse_frames<'a>(
         &self,
         halves: &'a [u8],
@@ -168,12 +173,25 @@ impl FrontEnd {
         [(half, 1), (quarter, 2), (eighth, 3)].map(picture)
     }
 
+    /// A frame that is `age` frames old, and its halves.
+    fn halvings<'a>(
+        &self,
+        frame: Image<'a>,
+        halves: &'a [u8],
+        coarse: &'a [u8],
+        age: usize,
+    ) -> Halvings<'a> {
+        let [half, quarter, eighth] = self.coarse_frames(halves, coarse, age);
+        [frame, half, quarter, eighth]
+    }
+
     /// Takes the differences of the frame just taken to older ones and fills the pictures of all levels; `observer`
     /// hears when the differences are there. Panics as [`FrontEnd::take`].
+    #[inline(never)]
     pub fn build(&self, frame: Image<'_>, bytes: &mut [u8], observer: &mut dyn FnMut()) {
         let geometry = &self.geometry;
         let slot = self.slots.place(0);
-        let Divided { frames, halves, levels, scratch, .. } = self.divide(bytes);
+        let Divided { frames, halves, coarse, levels, scratch } = self.divide(bytes);
         if !geometry.levels().is_empty() {
             let kinds = [Picture::Far, Picture::Near, Picture::Plain];
             if self.parts.temporal && self.seen > 1 {
@@ -212,7 +230,7 @@ impl FrontEnd {
             }
         }
         observer();
-        levels::build(geometry, levels, frame, slot);
+        levels::build(geometry, levels, &self.halvings(frame, halves, coarse, 0), slot);
     }
 
     /// The levels of the frame just taken, and the memory that is free until the next one.
@@ -221,14 +239,15 @@ impl FrontEnd {
         frame: Image<'a>,
         bytes: &'a mut [u8],
     ) -> (Pyramid<'a>, &'a mut [u8]) {
-        let Divided { frames, levels, scratch, .. } = self.divide(bytes);
-        let frames: &[u8] = frames;
+        let Divided { frames, halves, coarse, levels, scratch } = self.divide(bytes);
+        let (frames, halves, coarse): (&[u8], &[u8], &[u8]) = (frames, halves, coarse);
         let frame_of = |age: usize| match self.geometry.history() {
             History::Full => {
-                let place = self.frames.place(self.seen(age));
-                picture(at(frames, self.width * self.height, place), self.width, self.height, 0)
+                let age = self.seen(age);
+                let whole = at(frames, self.width * self.height, self.frames.place(age));
+                self.halvings(picture(whole, self.width, self.height, 0), halves, coarse, age)
             }
-            History::Half => frame,
+            History::Half => self.halvings(frame, halves, coarse, 0),
         };
         let slots = match self.geometry.history() {
             History::Full => core::array::from_fn(|age| self.slots.place(self.seen(age))),

@@ -15,37 +15,54 @@ pub const CELL: usize = 2;
 /// Energies of a cell: [`ORIENTATIONS`] orientations, then their magnitude in all.
 pub type Energies = [u8; ORIENTATIONS + 1];
 
-/// Q16 reciprocals of |gx| + |gy|, rounded down; the entry of 0 is 0.
-static RECIPROCAL: [u32; 511] = {
-    let mut table = [0; 511];
+/// Q8 thirds of a right angle to one of |gx| + |gy|, rounded down; the entry of 0 is 0.
+static THIRDS: [u32; 512] = {
+    let mut table = [0; 512];
     let mut i = 1;
-    while i < 511 {
-        table[i] = 65536 / i as u32;
+    while i < 512 {
+        table[i] = 3 * (65536 / i as u32);
         i += 1;
     }
     table
 };
 
-/// Adds one pixel's gradient to the sums of its cell: orientations, then magnitude, in grey levels.
+/// Energies of the bins while a cell is summed up. What is added to the bin behind the last one is the first one's, where
+/// the turn begins anew; the last is room that saves a check.
+type Bins = [u32; 8];
+
+/// A gradient to the right and downwards, in grey levels over two pixels.
+type Gradient = (i32, i32);
+
+/// Within 3 % of the Euclidean norm ("alpha max plus beta min").
 #[inline(always)]
-fn add(gx: i32, gy: i32, sums: &mut [u32; 8]) {
+fn magnitude((gx, gy): Gradient) -> u32 {
+    let (ax, ay) = (gx.unsigned_abs(), gy.unsigned_abs());
+    let (long, short) = if ax > ay { (ax, ay) } else { (ay, ax) };
+    long.max((long * 29 + short * 16) >> 5)
+}
+
+/// Half of a sum, rounded, at most 255. Signed, so that a microcontroller has an instruction for it.
+#[inline(always)]
+fn half(sum: u32) -> u8 {
+    ((sum + 1).cast_signed() >> 1).clamp(0, 255) as u8
+}
+
+/// Adds one pixel's gradient to the bins of its cell and gives its magnitude.
+#[inline(always)]
+fn add((gx, gy): Gradient, bins: &mut Bins) -> u32 {
     let (ax, ay) = (gx.unsigned_abs(), gy.unsigned_abs());
     if ax + ay == 0 {
-        return;
+        return 0;
     }
-    let (long, short) = if ax > ay { (ax, ay) } else { (ay, ax) };
-    // Within 3 % of the Euclidean norm ("alpha max plus beta min").
-    let magnitude = long.max((long * 29 + short * 16) >> 5);
+    let magnitude = magnitude((gx, gy));
     // Angle over 0..90 degrees as 0..768: three bins of 256.
-    let angle = (3 * 256 * ay).wrapping_mul(RECIPROCAL[(ax + ay) as usize]) >> 16;
+    let angle = (ay * THIRDS[(ax + ay) as usize & 511]) >> 8;
     let position = if (gx ^ gy) < 0 { 6 * 256 - angle } else { angle };
-    let (bin, share) = ((position >> 8) as usize, position & 255);
-    let second = (magnitude * share) >> 8;
-    let bin = if bin >= ORIENTATIONS { 0 } else { bin };
-    let next = if bin + 1 == ORIENTATIONS { 0 } else { bin + 1 };
-    sums[bin] += magnitude - second;
-    sums[next] += second;
-    sums[ORIENTATIONS] += magnitude;
+    let second = (magnitude * (position & 255)) >> 8;
+    let bin = (position >> 8) as usize & 7;
+    bins[bin] += magnitude - second;
+    bins[(bin + 1) & 7] += second;
+    magnitude
 }
 
 /// The rows of pixels that one row of cells needs.
@@ -68,21 +85,28 @@ impl<'a> CellRow<'a> {
         }
     }
 
-    /// Energies of cell `cell`, counted from the left: half the sum of its pixels' magnitudes in grey levels
-    /// (differences over two pixels), at most 255. Panics if the cell is not within the row.
+    /// Cell `cell`, counted from the left. Panics if it is not within the row.
     #[inline(always)]
-    pub fn energies(&self, cell: usize) -> Energies {
-        let [first, second] = self.rows;
-        let (a, b) = (2 * cell, 2 * cell + 1);
-        let left = a.saturating_sub(1);
-        let right = (b + 1).min(first.len() - 1);
-        let at = |row: &[u8], x: usize| i32::from(row[x]);
-        let mut sums = [0u32; 8];
-        add(at(first, b) - at(first, left), at(second, a) - at(self.above, a), &mut sums);
-        add(at(first, right) - at(first, a), at(second, b) - at(self.above, b), &mut sums);
-        add(at(second, b) - at(second, left), at(self.below, a) - at(first, a), &mut sums);
-        add(at(second, right) - at(second, a), at(self.below, b) - at(first, b), &mut sums);
-        core::array::from_fn(|i| ((sums[i] + 1) >> 1).min(255) as u8)
+    pub fn cell(&self, cell: usize) -> CellPixels {
+        let left = CELL * cell;
+        let pair = |row: &[u8]| -> [i32; CELL] {
+            let pair = &row[left..left + CELL];
+            [pair[0].into(), pair[1].into()]
+        };
+        // The cell's pixels and one on either side, in one piece but at the edges.
+        let wide = |row: &[u8]| -> [i32; CELL + 2] {
+            let inner = left.checked_sub(1).and_then(|left| row.get(left..)?.first_chunk());
+            match inner {
+                Some(&[a, b, c, d]) => [a.into(), b.into(), c.into(), d.into()],
+                None => {
+                    let [first, second] = pair(row);
+                    let at = |x: usize| row.get(x).map(|&pixel| i32::from(pixel));
+                    let before = left.checked_sub(1).and_then(at).unwrap_or(first);
+                    [before, first, second, at(left + CELL).unwrap_or(second)]
+                }
+            }
+        };
+        CellPixels { above: pair(self.above), rows: self.rows.map(wide), below: pair(self.below) }
     }
 
     /// Sum of the cell's four pixels. Panics if the cell is not within the row.
@@ -90,6 +114,57 @@ impl<'a> CellRow<'a> {
     pub fn sum(&self, cell: usize) -> u32 {
         let pair = |row: &[u8]| u32::from(row[2 * cell]) + u32::from(row[2 * cell + 1]);
         pair(self.rows[0]) + pair(self.rows[1])
+    }
+}
+
+/// The pixels of a cell and those beside them.
+#[derive(Debug, Clone, Copy)]
+pub struct CellPixels {
+    above: [i32; CELL],
+    /// One more on either side.
+    rows: [[i32; CELL + 2]; CELL],
+    below: [i32; CELL],
+}
+
+impl CellPixels {
+    /// Half the sum of the pixels' magnitudes in grey levels (differences over two pixels), at most 255, in all and by
+    /// orientation.
+    #[inline(always)]
+    pub fn energies(&self) -> Energies {
+        let mut bins = Bins::default();
+        let [a, b, c, d] = self.gradients();
+        // Written out, here and where cells are taken further: on a microcontroller loops over channels cost more than
+        // what they do.
+        let magnitude =
+            add(a, &mut bins) + add(b, &mut bins) + add(c, &mut bins) + add(d, &mut bins);
+        let [a, b, c, d, e, f, turned, _] = bins;
+        [half(a + turned), half(b), half(c), half(d), half(e), half(f), half(magnitude)]
+    }
+
+    /// The last of [`CellPixels::energies`] alone.
+    #[inline(always)]
+    pub fn magnitude(&self) -> u8 {
+        let [a, b, c, d] = self.gradients();
+        half(magnitude(a) + magnitude(b) + magnitude(c) + magnitude(d))
+    }
+
+    /// The mean of the pixels, rounded.
+    #[inline(always)]
+    pub fn grey(&self) -> u8 {
+        let [[_, a, b, _], [_, c, d, _]] = self.rows;
+        ((a + b + c + d + 2) >> 2) as u8
+    }
+
+    /// The gradients of the pixels, row by row.
+    #[inline(always)]
+    fn gradients(&self) -> [Gradient; CELL * CELL] {
+        let Self { above, rows: [first, second], below } = self;
+        [
+            (first[2] - first[0], second[1] - above[0]),
+            (first[3] - first[1], second[2] - above[1]),
+            (second[2] - second[0], below[0] - first[1]),
+            (second[3] - second[1], below[1] - first[2]),
+        ]
     }
 }
 
@@ -137,7 +212,7 @@ mod tests {
         let image = Image::packed(&pixels, width, height).unwrap();
         for row in 0..height / CELL {
             for cell in 0..width / CELL {
-                let out = CellRow::new(&image, row).energies(cell);
+                let out = CellRow::new(&image, row).cell(cell).energies();
                 for (got, want) in out.into_iter().zip(naive(&image, row, cell)) {
                     assert!((f64::from(got) - want).abs() <= 2.0 + 0.04 * want, "{got} {want}");
                 }
@@ -150,7 +225,7 @@ mod tests {
         let pixels = [0, 0, 100, 100].repeat(4);
         let image = Image::packed(&pixels, 4, 4).unwrap();
         for cell in 0..2 {
-            assert_eq!(CellRow::new(&image, 0).energies(cell), [100, 0, 0, 0, 0, 0, 100]);
+            assert_eq!(CellRow::new(&image, 0).cell(cell).energies(), [100, 0, 0, 0, 0, 0, 100]);
         }
         assert_eq!(CellRow::new(&image, 1).sum(1), 400);
     }

@@ -39,6 +39,20 @@ impl History {
         self as u32
     }
 
+    /// Cells from one window of the scan to the next, across and down: every second of them on a small board.
+    pub const fn stride(self) -> usize {
+        match self {
+            Self::Full => 1,
+            Self::Half => 2,
+        }
+    }
+
+    /// Whether the scan looks at the orientations of gradients. They take half of the work on its map, so that a small
+    /// board leaves them to the cubes.
+    pub const fn oriented(self) -> bool {
+        matches!(self, Self::Full)
+    }
+
     /// Slices of a cube that are there: the newest and older ones, of 4.
     pub const fn slices(self) -> usize {
         match self {
@@ -55,11 +69,19 @@ impl History {
         }
     }
 
-    /// Halves of frames kept, the newest among them; registration needs the last two.
+    /// Halves of frames kept, the newest among them.
     pub const fn halves(self) -> usize {
         match self {
-            Self::Full => 2,
+            Self::Full => self.slices(),
             Self::Half => self.lags()[0] + 1,
+        }
+    }
+
+    /// Frames halved more than once that are kept, the newest among them; registration needs the last two.
+    pub const fn coarse(self) -> usize {
+        match self {
+            Self::Full => self.slices(),
+            Self::Half => 2,
         }
     }
 }
@@ -112,7 +134,8 @@ mod tests {
             assert_eq!(History::decode(history as u8), Some(history));
             let kept = [history.frames(), history.halves()][history.octave() as usize];
             assert_eq!(kept, history.lags()[0] + 1);
-            assert!(history.lags()[0] <= FARTHEST && history.halves() >= 2);
+            assert!(history.lags()[0] <= FARTHEST && history.halves() >= history.coarse());
+            assert!(history.coarse() >= history.slices().max(2));
         }
         assert_eq!(History::decode(2), None);
     }

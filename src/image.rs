@@ -134,6 +134,9 @@ impl Rect {
     /// Whether intersection over union with `other` exceeds `threshold` (Q8: 128 is one half). Exact, without division.
     pub fn overlaps(&self, other: &Self, threshold: u8) -> bool {
         let shared = self.intersection(other);
+        if shared == 0 {
+            return false;
+        }
         let union = self.area() + other.area() - shared;
         shared * 256 > union * i64::from(threshold)
     }

@@ -60,6 +60,7 @@ pub struct Judge<'a> {
 
 impl Judge<'_> {
     /// Judges a candidate by its cube and gives it a box; `None` if it is rejected.
+    #[inline(never)]
     pub fn candidate(&self, candidate: &Candidate, cube: &mut Cube) -> Option<Judged> {
         let path = self.cut(candidate, window(candidate), cube);
         let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
@@ -70,6 +71,7 @@ impl Judge<'_> {
 
     /// Looks again where the box is, on the level that suits its size, then around that place: boxes are most exact for
     /// centred targets, and the mean of several looks is surer than any of them. Score and box become the means.
+    #[inline(never)]
     pub fn refine(&self, judged: &mut Judged, cube: &mut Cube) {
         let Judged { candidate, detection } = *judged;
         let Some(level) = self.level_of(&detection.rect) else { return };
@@ -146,7 +148,7 @@ impl Judge<'_> {
             Alignment::Regressors => {
                 motion::compensate(&slices, Some(self.model.regressors()), start, cube)
             }
-            Alignment::Flow => window_flow::follow(&slices, self.pyramid.frames(), start, cube),
+            Alignment::Flow => window_flow::follow(&slices, &self.pyramid.frames(), start, cube),
         }
     }
 

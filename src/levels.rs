@@ -21,6 +21,12 @@ pub const TARGET_CELLS: usize = WINDOW / 2;
 /// Length in pixels of the frame of the nominal target of level 0.
 pub const FINEST_TARGET: usize = TARGET_CELLS * CELL;
 
+/// Pictures of a frame, halved up to three times: what registration looks at too.
+pub const HALVINGS: usize = 4;
+
+/// A frame, its half, its quarter and its eighth.
+pub type Halvings<'a> = [Image<'a>; HALVINGS];
+
 /// Q16 steps of the first octave for 1 to 4 scales an octave.
 const STEPS: [[u32; 4]; 4] = [
     [65536, 0, 0, 0],
@@ -57,6 +63,13 @@ impl Level {
 
     const fn pixels(&self) -> usize {
         self.width * self.height
+    }
+
+    /// How many times the level is the frame halved, if it is and that is kept.
+    const fn halvings(&self) -> Option<usize> {
+        let octave = self.scale.trailing_zeros() as usize;
+        let halved = self.scale.is_power_of_two() && octave >= 16 && octave < 16 + HALVINGS;
+        if halved { Some(octave - 16) } else { None }
     }
 
     const fn difference_pixels(&self) -> usize {
@@ -180,9 +193,9 @@ impl Geometry {
         if self.levels[level].active { self.history.slices() } else { 1 }
     }
 
-    /// The grey picture of level 0 is the frame itself.
+    /// The grey pictures of levels that are the frame, halved or not, are kept with the frames.
     const fn grey_len(&self, level: usize) -> usize {
-        if level == 0 { 0 } else { self.levels[level].pixels() }
+        if self.levels[level].halvings().is_some() { 0 } else { self.levels[level].pixels() }
     }
 
     /// Where a picture of a level is, `slot` its place in the ring of frames.
@@ -225,9 +238,9 @@ fn packed(pixels: &[u8], (width, height): (usize, usize)) -> Image<'_> {
     Image::packed(pixels, width, height).expect("the memory was divided for these pictures")
 }
 
-/// Fills the pictures of all levels but the finest from the frame and the difference images of level 0, into place `slot`
-/// of the rings. Panics if there are fewer than [`Geometry::bytes_len`] bytes.
-pub fn build(geometry: &Geometry, bytes: &mut [u8], frame: Image<'_>, slot: usize) {
+/// Fills the pictures of all levels from the frame, its halves and the difference images of level 0, into place `slot` of
+/// the rings. Panics if there are fewer than [`Geometry::bytes_len`] bytes.
+pub fn build(geometry: &Geometry, bytes: &mut [u8], frame: &Halvings<'_>, slot: usize) {
     let per_octave = geometry.scales_per_octave;
     for (i, level) in geometry.levels().iter().enumerate().skip(1) {
         let (finer, own) = bytes.split_at_mut(geometry.start(i));
@@ -235,11 +248,14 @@ pub fn build(geometry: &Geometry, bytes: &mut [u8], frame: Image<'_>, slot: usiz
         let source = from.unwrap_or(0);
         for picture in Picture::ALL {
             let place = geometry.place(source, picture, slot);
-            let Level { width, height, differences, .. } = geometry.levels()[source];
-            let image = match picture {
-                Picture::Grey if source == 0 => frame,
-                Picture::Grey => packed(&finer[place], (width, height)),
-                _ => packed(&finer[place], differences),
+            let finer_level = &geometry.levels()[source];
+            let image = match (picture, finer_level.halvings()) {
+                (Picture::Grey, _) if level.halvings().is_some() => continue,
+                (Picture::Grey, Some(halvings)) => frame[halvings],
+                (Picture::Grey, None) => {
+                    packed(&finer[place], (finer_level.width, finer_level.height))
+                }
+                _ => packed(&finer[place], finer_level.differences),
             };
             let place = geometry.place(i, picture, slot);
             let out = &mut own[place.start - finer.len()..place.end - finer.len()];
@@ -270,7 +286,7 @@ pub struct Pictures<'a> {
 pub struct Pyramid<'a> {
     geometry: &'a Geometry,
     bytes: &'a [u8],
-    frames: [Image<'a>; SLICES],
+    frames: [Halvings<'a>; SLICES],
     slots: [usize; SLICES],
 }
 
@@ -280,7 +296,7 @@ impl<'a> Pyramid<'a> {
     pub fn new(
         geometry: &'a Geometry,
         bytes: &'a [u8],
-        frames: [Image<'a>; SLICES],
+        frames: [Halvings<'a>; SLICES],
         slots: [usize; SLICES],
     ) -> Self {
         Self { geometry, bytes, frames, slots }
@@ -297,8 +313,8 @@ impl<'a> Pyramid<'a> {
     }
 
     /// The frames of the slices of a cube, newest first.
-    pub fn frames(&self) -> &[Image<'a>; SLICES] {
-        &self.frames
+    pub fn frames(&self) -> [Image<'a>; SLICES] {
+        self.frames.map(|[frame, ..]| frame)
     }
 
     /// The searched levels.
@@ -313,9 +329,9 @@ impl<'a> Pyramid<'a> {
         let level = self.levels()[number];
         let picture = |picture, age: usize| {
             let place = self.geometry.place(number, picture, self.slots[age]);
-            match picture {
-                Picture::Grey if number == 0 => self.frames[age],
-                Picture::Grey => packed(&self.bytes[place], (level.width, level.height)),
+            match (picture, level.halvings()) {
+                (Picture::Grey, Some(halvings)) => self.frames[age][halvings],
+                (Picture::Grey, None) => packed(&self.bytes[place], (level.width, level.height)),
                 _ => packed(&self.bytes[place], level.differences),
             }
         };
@@ -332,6 +348,7 @@ impl<'a> Pyramid<'a> {
                 slice: slice(0),
                 far: difference(Picture::Far, 0),
                 plain: difference(Picture::Plain, 0),
+                oriented: self.geometry.history.oriented(),
             },
         }
     }
@@ -363,8 +380,9 @@ mod tests {
                     let geometry = Geometry::new(width, height, 1, 100_000, per_octave, history);
                     let mut bytes = vec![0; geometry.bytes_len()];
                     let pixels = vec![50; width * height];
-                    let frame = Image::packed(&pixels, width, height).unwrap();
-                    build(&geometry, &mut bytes, frame, 0);
+                    let frame =
+                        core::array::from_fn(|i| packed(&pixels, (width >> i, height >> i)));
+                    build(&geometry, &mut bytes, &frame, 0);
                     let pyramid = Pyramid::new(&geometry, &bytes, [frame; SLICES], [0; SLICES]);
                     for pictures in pyramid.searched() {
                         assert_eq!(pictures.newest.slice.cells(), pictures.level.cells());

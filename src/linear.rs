@@ -14,6 +14,7 @@ pub fn solve<const N: usize>(
     n: usize,
     bits: u32,
 ) -> Option<[i64; N]> {
+    let n = n.min(N);
     let mut a = a.map(|row| row.map(|v| i128::from(v) << GUARD));
     let mut b = b.map(|v| i128::from(v) << GUARD);
     for k in 0..n {
@@ -37,9 +38,37 @@ pub fn solve<const N: usize>(
     Some(x.map(|v| v as i64))
 }
 
-/// Quotient rounded to nearest, for a positive divisor.
+/// Quotient rounded to nearest, for a divisor from 1 to 2^63 - 1.
 fn divide(a: i128, b: i128) -> i128 {
-    (a + b / 2).div_euclid(b)
+    let (sum, b) = (a + b / 2, b as u64);
+    if sum < 0 { !quotient((!sum).cast_unsigned(), b) } else { quotient(sum.cast_unsigned(), b) }
+}
+
+/// Quotient rounded down, for a divisor from 1 to 2^63 - 1 and a dividend below 2^127: long division by digits of 32 bits
+/// (Knuth, TAOCP 2, 4.3.1 D), since on a machine of 32 bits a division of 128 is done bit by bit.
+fn quotient(a: u128, b: u64) -> i128 {
+    let Some(shift) = b.checked_ilog2().map(|log| 63 - log) else { return 0 };
+    let high = (a >> 64) as u64;
+    // With the divisor's first bit set, two digits of it tell a digit of the quotient but for two.
+    let (first, divisor) = (high / b, b << shift);
+    let rest = (u128::from(high % b) << 64 | u128::from(a as u64)) << shift;
+    let (upper, lower) = (divisor >> 32, divisor & 0xffff_ffff);
+    let digit = |remainder: u64, next: u64| {
+        let (mut digit, mut over) = (remainder / upper, remainder % upper);
+        while digit >> 32 != 0 || digit * lower > over << 32 | next {
+            (digit, over) = (digit - 1, over + upper);
+            if over >> 32 != 0 {
+                break;
+            }
+        }
+        // Smaller than the divisor: what wraps on the way is right in the end.
+        let left = (remainder << 32 | next).wrapping_sub(digit.wrapping_mul(divisor));
+        (digit, left)
+    };
+    let low = rest as u64;
+    let (second, left) = digit((rest >> 64) as u64, low >> 32);
+    let (third, _) = digit(left, low & 0xffff_ffff);
+    i128::from(first) << 64 | i128::from(second << 32 | third)
 }
 
 #[cfg(test)]
@@ -48,6 +77,15 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        #[test]
+        fn quotients_are_those_of_i128(a: i128, down in 2..127u32, b in 1..i64::MAX, shift in 0..62u32) {
+            let (a, b) = (a >> down, i128::from((b >> shift).max(1)));
+            prop_assert_eq!(divide(a, b), (a + b / 2).div_euclid(b));
+            let edge = b * (a >> 64);
+            prop_assert_eq!(divide(edge, b), (edge + b / 2).div_euclid(b));
+            prop_assert_eq!(divide(edge - 1, b), (edge - 1 + b / 2).div_euclid(b));
+        }
+
         #[test]
         fn solves_normal_equations(rows in proptest::collection::vec(proptest::array::uniform4(-4096..4096i64), 8..40), x in proptest::array::uniform4(-500..500i64)) {
             let mut a = [[0i64; 4]; 4];

@@ -3,7 +3,8 @@
 //! [`MAP_CHANNELS`] bytes a cell: the channels of the newest frame, normalised by what is around them. The map is
 //! computed from above, a strip of a few rows at a time, with running sums over the square around each cell.
 
-use crate::channels::{Cell, DIFFERENCES, GREY, MAGNITUDE, Newest};
+use crate::channels::{Cell, DIFFERENCES, Newest};
+use crate::gradient::ORIENTATIONS;
 use core::array::from_fn;
 
 /// Bytes of the scan's map for one cell.
@@ -21,16 +22,19 @@ const AREA: u32 = (2 * REACH as u32 + 1) * (2 * REACH as u32 + 1);
 /// Map values of a cell outside the picture: nothing there, intensity that of its surroundings.
 const OUTSIDE: [u8; MAP_CHANNELS] = [0, 0, 0, 0, 0, 0, 0, 0, 128, 128, 0, 0, 0, 0, 0, 0];
 
-/// `8 * sqrt(i)`: compresses ratios so that small ones keep their resolution.
-static ROOT: [u8; 1024] = {
-    let mut table = [0; 1024];
+/// Ratios in [`ROOT`]: the largest is 255 times the largest of [`RECIPROCAL`], Q8.
+const RATIOS: usize = 4096;
+
+/// `8 * sqrt(i)`, at most 255: compresses ratios so that small ones keep their resolution.
+static ROOT: [u8; RATIOS] = {
+    let mut table = [0; RATIOS];
     let mut root = 0u32;
     let mut i = 0;
-    while i < 1024 {
-        while (root + 1) * (root + 1) <= 64 * i {
+    while i < RATIOS as u32 {
+        while root < 255 && (root + 1) * (root + 1) <= 64 * i {
             root += 1;
         }
-        table[i as usize] = if root > 255 { 255 } else { root as u8 };
+        table[i as usize] = root as u8;
         i += 1;
     }
     table
@@ -47,6 +51,7 @@ pub const fn noise_words(columns: usize, rows: usize) -> usize {
 /// Noise of the differences of a whole frame: the mean of each over its calmer cells, Q4. Scales the map's temporal
 /// channels, so that wind in the trees or a badly measured camera motion do not look like targets everywhere.
 /// Panics if there are fewer than [`noise_words`] words.
+#[inline(never)]
 pub fn noise(newest: &Newest<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
     // Means of blocks; the mean of those below twice the mean of all is robust against targets.
     let (columns, rows) = newest.slice.cells();
@@ -56,11 +61,8 @@ pub fn noise(newest: &Newest<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
     for y in 0..down * BLOCK {
         let row = newest.row(y);
         let blocks = &mut blocks[y / BLOCK * across..][..across];
-        for (x, sums) in blocks.iter_mut().enumerate() {
-            for x in x * BLOCK..(x + 1) * BLOCK {
-                let differences = row.differences(x);
-                sums.iter_mut().zip(differences).for_each(|(sum, value)| *sum += u16::from(value));
-            }
+        for (i, difference) in row.differences.iter().enumerate() {
+            difference.sum_runs(BLOCK, blocks.iter_mut().map(|sums| &mut sums[i]));
         }
     }
     from_fn(|i| {
@@ -95,7 +97,7 @@ fn quarter_mean(sum: u16) -> usize {
 #[inline(always)]
 fn ratio(value: u8, reciprocal: u16) -> u8 {
     let ratio = (u32::from(value) * u32::from(reciprocal)) >> 8;
-    ROOT[ratio.min(1023) as usize]
+    ROOT[ratio as usize % RATIOS]
 }
 
 /// Rows of cells over which the map is normalised.
@@ -104,16 +106,20 @@ const NEAR: usize = 2 * REACH + 1;
 /// Sums of a column of a square, or of all of it: magnitude, grey, far and near difference.
 type Sums = [u16; 4];
 
+#[inline(always)]
 fn sums(cell: &Cell) -> Sums {
-    [MAGNITUDE, GREY, GREY + 1, GREY + 2].map(|channel| u16::from(cell[channel]))
+    let [.., magnitude, grey, far, near, _] = *cell;
+    [magnitude.into(), grey.into(), far.into(), near.into()]
 }
 
-fn add(sums: &mut Sums, other: &Sums) {
-    sums.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
+#[inline(always)]
+fn add(sums: &mut Sums, &[a, b, c, d]: &Sums) {
+    *sums = [sums[0] + a, sums[1] + b, sums[2] + c, sums[3] + d];
 }
 
-fn take(sums: &mut Sums, other: &Sums) {
-    sums.iter_mut().zip(other).for_each(|(sum, other)| *sum -= other);
+#[inline(always)]
+fn take(sums: &mut Sums, &[a, b, c, d]: &Sums) {
+    *sums = [sums[0] - a, sums[1] - b, sums[2] - c, sums[3] - d];
 }
 
 /// Bytes that [`strips`] needs, with strips of up to `rows` rows, for a level of `columns` cells in a row.
@@ -138,7 +144,7 @@ pub struct Strip<'a> {
 /// Computes the scan's map of a level, `rows` rows at a time of which the first `shared` are the last ones of the strip
 /// before; `noise` as [`noise`] gives it, the same for all levels.
 ///
-/// Channels: 0..6 orientations and 6 magnitude against the mean magnitude around; 7 magnitude; 8 intensity against the
+/// Channels: 0..6 orientations (0 where there are none) and 6 magnitude against the mean magnitude around; 7 magnitude; 8 intensity against the
 /// mean around, relative to the magnitude around (128: equal); 9 the same in half grey levels; 10..13 the differences
 /// against the frame's noise; 13 and 15 two of them against their mean around; 14 the plain one against the magnitude.
 ///
@@ -155,7 +161,7 @@ pub fn strips(
     let stride = (columns + 2 * PADDING) * MAP_CHANNELS;
     let (strip, ring) = bytes.split_at_mut(stride * rows);
     let mut around = Around::new(newest, ring, words);
-    // Q16 reciprocals of the noise (Q4 quarters) with a floor of half a grey level.
+    // Q16 reciprocals of the noise (Q4 quarters) with a floor of half a grey level: at most 2048.
     let calm = noise.map(|n| 65536 / (n + 32));
     let height = around.rows + 2 * PADDING;
     let mut filled = 0;
@@ -202,6 +208,7 @@ impl<'a> Around<'a> {
     }
 
     /// Moves the square down to be around row `y`, the one after that of the last call; the first is 0.
+    #[inline(never)]
     fn advance(&mut self, y: usize) {
         if let Some(above) = y.checked_sub(REACH + 1) {
             let gone = &self.ring[above % NEAR * self.columns..][..self.columns];
@@ -211,76 +218,108 @@ impl<'a> Around<'a> {
             let newest = self.newest;
             let row = newest.row(self.taken);
             let cells = &mut self.ring[self.taken % NEAR * self.columns..][..self.columns];
-            for (x, (cell, all)) in cells.iter_mut().zip(self.sums.iter_mut()).enumerate() {
-                *cell = row.cell(x);
-                add(all, &sums(cell));
-            }
+            row.fill(cells);
+            self.sums.iter_mut().zip(&*cells).for_each(|(all, cell)| add(all, &sums(cell)));
             self.taken += 1;
         }
     }
 
     /// The map of row `y`, around which the square is.
+    #[inline(never)]
     fn map_row(&self, y: usize, calm: &[u32; DIFFERENCES], out: &mut [[u8; MAP_CHANNELS]]) {
-        let cells = &self.ring[y % NEAR * self.columns..][..self.columns];
-        let down = (y + REACH + 1).min(self.rows) - y.saturating_sub(REACH);
         let mut around = [0; 4];
         self.sums.iter().take(REACH).for_each(|column| add(&mut around, column));
-        let mut inside = (0, 0);
-        for (x, (out, cell)) in out.iter_mut().zip(cells).enumerate() {
+        // The sums over the square first, which wait where the map is going to be: all at once does not fit into the
+        // registers of a microcontroller.
+        for (x, out) in out.iter_mut().enumerate() {
             if let Some(column) = self.sums.get(x + REACH) {
                 add(&mut around, column);
             }
-            if let Some(left) = x.checked_sub(REACH + 1) {
-                take(&mut around, &self.sums[left]);
+            if let Some(column) = x.checked_sub(REACH + 1).and_then(|left| self.sums.get(left)) {
+                take(&mut around, column);
             }
+            let (sums, _) = out.as_chunks_mut();
+            sums.iter_mut().zip(around).for_each(|(out, sum)| *out = sum.to_le_bytes());
+        }
+        match self.newest.oriented {
+            true => self.map_cells::<true>(y, calm, out),
+            false => self.map_cells::<false>(y, calm, out),
+        }
+    }
+
+    /// The map of row `y`, in whose place the sums over the square around each cell are, with orientations or without.
+    #[inline(always)]
+    fn map_cells<const ORIENTED: bool>(
+        &self,
+        y: usize,
+        calm: &[u32; DIFFERENCES],
+        out: &mut [[u8; MAP_CHANNELS]],
+    ) {
+        let cells = &self.ring[y % NEAR * self.columns..][..self.columns];
+        let down = (y + REACH + 1).min(self.rows) - y.saturating_sub(REACH);
+        let mut inside = (0, 0);
+        for (x, (out, cell)) in out.iter_mut().zip(cells).enumerate() {
             // Cells of the square that lie in the picture, and their Q18 reciprocal: they change near edges only.
             let across = (x + REACH + 1).min(self.columns) - x.saturating_sub(REACH);
             let count = (across * down) as u32;
             if inside.0 != count {
                 inside = (count, (1u32 << 18).div_ceil(count));
             }
-            *out = map_cell(cell, &around, inside.1, calm);
+            let [a, b, c, d, e, f, g, h, ..] = *out;
+            let around = [[a, b], [c, d], [e, f], [g, h]].map(u16::from_le_bytes);
+            *out = map_cell::<ORIENTED>(cell, &around, inside.1, calm);
         }
     }
 }
 
 /// The map of a cell with the sums over the square around it; `inside` is the Q18 reciprocal of its cells.
 #[inline(always)]
-fn map_cell(
+fn map_cell<const ORIENTED: bool>(
     cell: &Cell,
     around: &Sums,
     inside: u32,
     calm: &[u32; DIFFERENCES],
 ) -> [u8; MAP_CHANNELS] {
     let [magnitude_around, grey_around, far_around, near_around] = *around;
-    let energy = RECIPROCAL[quarter_mean(magnitude_around)];
-    let mut out = [0; MAP_CHANNELS];
-    for (out, value) in out[..=MAGNITUDE].iter_mut().zip(cell) {
-        *out = ratio(*value, energy);
-    }
-    let magnitude = usize::from(cell[MAGNITUDE]);
-    let [grey, far, near, plain] = from_fn(|i| cell[GREY + i]);
-    out[7] = ROOT[(magnitude * 4).min(1023)];
+    let energy = RECIPROCAL[quarter_mean(magnitude_around) & 1023];
+    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = *cell;
+    let against_energy = |value: u8| ratio(value, energy);
     let mean = (u32::from(grey_around) * inside) >> 16;
     let above = i32::from(grey) * 4 - mean as i32;
-    out[8] = (128 + ((above * i32::from(energy)) >> 10)).clamp(0, 255) as u8;
-    out[9] = (128 + (above >> 1)).clamp(0, 255) as u8;
-    for (out, (difference, calm)) in out[10..13].iter_mut().zip([far, near, plain].iter().zip(calm))
-    {
-        let loud = (u32::from(*difference) * calm) >> 7;
-        *out = ROOT[loud.min(1023) as usize];
-    }
-    out[13] = ratio(near, RECIPROCAL[quarter_mean(near_around)]);
-    out[15] = ratio(far, RECIPROCAL[quarter_mean(far_around)]);
-    // The plain difference against the magnitude of the cell alone.
-    out[14] = ratio(plain, RECIPROCAL[magnitude * 4]);
-    out
+    let byte = |value: i32| (128 + value).clamp(0, 255) as u8;
+    let loud = |value: u8, calm: u32| ROOT[((u32::from(value) * calm) >> 7) as usize % RATIOS];
+    let local = |value: u8, sum: u16| ratio(value, RECIPROCAL[quarter_mean(sum) & 1023]);
+    let quarters = usize::from(magnitude) * 4;
+    let [a, b, c, d, e, f] = match ORIENTED {
+        true => [a, b, c, d, e, f].map(against_energy),
+        false => [0; ORIENTATIONS],
+    };
+    [
+        a,
+        b,
+        c,
+        d,
+        e,
+        f,
+        against_energy(magnitude),
+        ROOT[quarters],
+        byte((above * i32::from(energy)) >> 10),
+        byte(above >> 1),
+        loud(far, calm[0]),
+        loud(near, calm[1]),
+        loud(plain, calm[2]),
+        local(near, near_around),
+        // The plain difference against the magnitude of the cell alone.
+        ratio(plain, RECIPROCAL[quarters]),
+        local(far, far_around),
+    ]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::channels::tests::{Level, level};
+    use crate::channels::tests::{Level, cells, level};
+    use crate::channels::{GREY, MAGNITUDE};
     use proptest::prelude::*;
     use std::vec;
     use std::vec::Vec;
@@ -376,15 +415,14 @@ mod tests {
         #[test]
         fn map_agrees_with_f64(
             level in level(), noise in prop::array::uniform3(prop_oneof![0..80u32, 0..4100u32]),
-            extra in 0..9usize,
+            extra in 0..9usize, oriented: bool,
         ) {
-            let newest = level.newest();
+            let newest = Newest { oriented, ..level.newest() };
             let (columns, rows) = newest.slice.cells();
             // Strips of any height give the same map.
             let out = whole(&newest, noise, (10 + extra, 9));
             prop_assert_eq!(&out, &whole(&newest, noise, (rows + 2 * PADDING, 0)));
-            let cells: Vec<Cell> =
-                (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).map(|(x, y)| newest.row(y).cell(x)).collect();
+            let cells = cells(&newest);
             for (place, got) in out.iter().enumerate() {
                 let stride = columns + 2 * PADDING;
                 let (x, y) = ((place % stride).wrapping_sub(PADDING), (place / stride).wrapping_sub(PADDING));
@@ -440,12 +478,13 @@ mod tests {
         fn noise_agrees_with_f64(level in level()) {
             let newest = level.newest();
             let (columns, rows) = newest.slice.cells();
+            let cells = cells(&newest);
             let mut words = vec![9; noise_words(columns, rows)];
             for (i, got) in noise(&newest, &mut words).into_iter().enumerate() {
                 let mut means = vec![];
                 for by in 0..rows / 8 {
                     for bx in 0..columns / 8 {
-                        let cell = |n: usize| f64::from(newest.row(8 * by + n / 8).differences(8 * bx + n % 8)[i]);
+                        let cell = |n: usize| f64::from(cells[(8 * by + n / 8) * columns + 8 * bx + n % 8][GREY + 1 + i]);
                         means.push((0..64).map(cell).sum::<f64>() / 64.0);
                     }
                 }

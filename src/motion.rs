@@ -213,6 +213,7 @@ pub fn compensate(
 mod tests {
     use super::*;
     use crate::channels::{Difference, MAGNITUDE};
+    use crate::cube::Region;
     use crate::feature::{Denominator, Feature};
     use crate::image::Image;
     use crate::planar::{Sample, fit};
@@ -250,7 +251,8 @@ mod tests {
             let picture = Image::packed(pixels, 2 * SIDE, 2 * SIDE).unwrap();
             Slice { grey: picture, near: Difference { picture, halved: false } }
         };
-        let newest = Newest { slice: view(0), far: view(0).near, plain: view(0).near };
+        let newest =
+            Newest { slice: view(0), far: view(0).near, plain: view(0).near, oriented: true };
         Slices { slices: core::array::from_fn(|i| Some(view(i))), newest, motions, scale }
     }
 
@@ -421,7 +423,7 @@ mod tests {
         let mut cube = empty();
         cube.slices[2].cut(&slices.slices[0].unwrap(), 40, 40);
         assert_eq!(compensate(&slices, None, Position { x: 40, y: 40 }, &mut cube), all);
-        let energy = |k: usize| cube.slices[k].sum(MAGNITUDE, 0, 0, WINDOW, WINDOW);
+        let energy = |k: usize| cube.slices[k].sum(MAGNITUDE, &Region::WHOLE);
         assert!(energy(0) > 0 && (1..SLICES).all(|k| energy(k) == 0));
     }
 

@@ -119,59 +119,71 @@ pub(crate) struct Sample {
 
 /// The motion with up to `unknowns` parameters that most samples agree on: least squares, reweighted (Tukey's biweight)
 /// with a threshold that follows the median distance down. Starts from the median shift.
+#[inline(never)]
 pub(crate) fn fit(still: Motion, samples: &[Sample], unknowns: usize) -> Motion {
     if samples.len() < MIN_INLIERS {
         return still;
     }
     let mut motion = still;
-    motion.parameters[0] = median(samples.iter().map(|s| i64::from(s.dx))) as i32 * 256;
-    motion.parameters[1] = median(samples.iter().map(|s| i64::from(s.dy))) as i32 * 256;
-    let mut threshold = spread(&motion, samples);
+    motion.parameters[0] = median(samples.iter().map(|s| s.dx)) * 256;
+    motion.parameters[1] = median(samples.iter().map(|s| s.dy)) * 256;
+    let mut far = distances(&motion, samples);
+    let mut threshold = spread(&far);
     for round in 0..FIT_ROUNDS {
         let unknowns = if round < 2 { unknowns.min(6) } else { unknowns };
-        let Some(better) = weighted_fit(&motion, samples, unknowns, threshold) else {
+        let Some(better) = weighted_fit(&motion, samples, &far, unknowns, threshold) else {
             return still;
         };
         motion = better;
-        threshold = spread(&motion, samples);
+        far = distances(&motion, samples);
+        threshold = spread(&far);
     }
-    let inliers = samples.iter().filter(|s| distance(&motion, s) < threshold).count();
+    let inliers = far.iter().filter(|&&distance| i64::from(distance) < threshold).count();
     let valid = inliers >= MIN_INLIERS && threshold <= 3 * MAX_MEDIAN;
     // A camera on a tripod: what the noise of few corners adds to no motion would only do harm far from them.
     let count = samples.len() as i64;
-    if misfit(&still, samples) <= misfit(&motion, samples) * 9 / 8 + count * STILLNESS {
+    let unmoved = misfit(&distances(&still, samples));
+    if unmoved <= misfit(&far) * 9 / 8 + count * STILLNESS {
         motion = still;
     }
     Motion { valid, ..motion }
 }
 
-/// Sum of the samples' distances from the motion, none counted above the least threshold, in pixels, Q8.
-fn misfit(motion: &Motion, samples: &[Sample]) -> i64 {
-    samples.iter().map(|s| distance(motion, s).min(MIN_THRESHOLD)).sum()
+/// Distances of samples from a motion, in pixels, Q8: see [`distance`].
+type Distances = heapless::Vec<i32, MAX_SAMPLES>;
+
+fn distances(motion: &Motion, samples: &[Sample]) -> Distances {
+    samples.iter().map(|sample| distance(motion, sample)).collect()
+}
+
+/// Sum of the distances, none counted above the least threshold, in pixels, Q8.
+fn misfit(distances: &Distances) -> i64 {
+    distances.iter().map(|&distance| i64::from(distance).min(MIN_THRESHOLD)).sum()
 }
 
 /// Distance beyond which a sample is an outlier: three times the median, in pixels, Q8.
-fn spread(motion: &Motion, samples: &[Sample]) -> i64 {
-    (3 * median(samples.iter().map(|s| distance(motion, s)))).max(MIN_THRESHOLD)
+fn spread(distances: &Distances) -> i64 {
+    (3 * i64::from(median(distances.iter().copied()))).max(MIN_THRESHOLD)
 }
 
 /// Larger of the distances in x and y between a sample and where the motion puts it, in pixels, Q8.
-fn distance(motion: &Motion, sample: &Sample) -> i64 {
+fn distance(motion: &Motion, sample: &Sample) -> i32 {
     let (dx, dy) = motion.shift(sample.x, sample.y);
-    i64::from((sample.dx - dx).abs().max((sample.dy - dy).abs()))
+    (sample.dx - dx).abs().max((sample.dy - dy).abs())
 }
 
 /// Median (the upper one of two) of at least one and at most [`MAX_SAMPLES`] values.
-fn median(values: impl Iterator<Item = i64>) -> i64 {
-    let mut values: heapless::Vec<i64, MAX_SAMPLES> = values.collect();
+fn median(values: impl Iterator<Item = i32>) -> i32 {
+    let mut values: heapless::Vec<i32, MAX_SAMPLES> = values.collect();
     let middle = values.len() / 2;
     *values.select_nth_unstable(middle).1
 }
 
-/// One least-squares fit, samples weighted by their distance from `motion`.
+/// One least-squares fit, samples weighted by their distances `far` from `motion`.
 fn weighted_fit(
     motion: &Motion,
     samples: &[Sample],
+    far: &Distances,
     unknowns: usize,
     threshold: i64,
 ) -> Option<Motion> {
@@ -179,8 +191,8 @@ fn weighted_fit(
     for (i, row) in matrix.iter_mut().enumerate().skip(2) {
         row[i] = PRIOR;
     }
-    for sample in samples {
-        let inside = 256 - distance(motion, sample).min(threshold).pow(2) * 256 / threshold.pow(2);
+    for (sample, &distance) in samples.iter().zip(far) {
+        let inside = 256 - i64::from(distance).min(threshold).pow(2) * 256 / threshold.pow(2);
         let weight = (inside * inside) >> 8;
         if weight == 0 {
             continue;
@@ -188,15 +200,17 @@ fn weighted_fit(
         let (x, y) = motion.normalised(sample.x, sample.y);
         let (x, y) = (x >> 4, y >> 4); // Q12
         let (xx, xy, yy) = ((x * x) >> 12, (x * y) >> 12, (y * y) >> 12);
-        let across = [4096, 0, x, y, 0, 0, xx, xy];
-        let down = [0, 4096, 0, 0, x, y, xy, yy];
+        // The parameters that a component of the shift depends on, and how much.
+        let across = [(0, 4096), (2, x), (3, y), (6, xx), (7, xy)];
+        let down = [(1, 4096), (4, x), (5, y), (6, xy), (7, yy)];
         for (row, shift) in [(across, sample.dx), (down, sample.dy)] {
-            for i in 0..8 {
-                let weighted = weight * row[i];
-                for j in i..8 {
-                    matrix[i][j] += weighted * row[j];
+            for (n, &(i, factor)) in row.iter().enumerate().take_while(|(_, (i, _))| *i < unknowns)
+            {
+                let weighted = weight * factor;
+                for &(j, other) in &row[n..] {
+                    matrix[i % 8][j % 8] += weighted * other;
                 }
-                right[i] += weighted * i64::from(shift);
+                right[i % 8] += weighted * i64::from(shift);
             }
         }
     }
@@ -241,7 +255,7 @@ pub(crate) mod tests {
                 Sample { x: x << 8, y: y << 8, dx: dx + jx, dy: dy + jy }
             }).collect();
             let threshold = 12 << 8;
-            let got = weighted_fit(&still, &samples, 8, threshold).unwrap();
+            let got = weighted_fit(&still, &samples, &distances(&still, &samples), 8, threshold).unwrap();
 
             let mut system = [[0.0; 9]; 8];
             for (i, row) in system.iter_mut().enumerate().skip(2) {

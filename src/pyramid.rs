@@ -9,6 +9,7 @@ const STRIP: usize = 256;
 /// Returns the size of the picture written row by row to `dst`.
 ///
 /// Panics if `dst` has fewer than `(width / 2) * (height / 2)` bytes.
+#[inline(never)]
 pub fn halve(src: Image<'_>, dst: &mut [u8]) -> (usize, usize) {
     let (width, height) = (src.width() / 2, src.height() / 2);
     if width == 0 || height == 0 {

@@ -21,8 +21,17 @@ const COLUMNS: usize = 20;
 const ROWS: usize = 15;
 const _: () = assert!(COLUMNS * ROWS <= MAX_SAMPLES);
 
-/// Smallest side of a cell, in pixels of the frame's half.
+/// Smallest side of a cell, in pixels of the frame's half: fewer corners in small frames.
 const MIN_CELL: usize = 8;
+
+/// Where corners are sought.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Search {
+    /// Everywhere.
+    Dense,
+    /// In the middle of cells of twice the smallest side: about a third of the corners, for small boards.
+    Sparse,
+}
 
 /// Smallest side of a level that is used beside the finest, in pixels of the level.
 const MIN_SIDE: usize = 48;
@@ -80,18 +89,20 @@ impl Registration {
             return Motion::IDENTITY;
         }
         let old = levels(self.width, self.height, old);
-        measure((self.width, self.height), &new, &old)
+        measure((self.width, self.height), Search::Dense, &new, &old)
     }
 }
 
 /// The motion that leads from a frame of `width` x `height` back to an older one: pyramids of both, finest first. Not valid
 /// where the pictures give nothing to hold on to.
+#[inline(never)]
 pub fn measure(
     (width, height): (usize, usize),
+    search: Search,
     new: &[Image<'_>; LEVELS],
     old: &[Image<'_>; LEVELS],
 ) -> Motion {
-    let corners = corners(new[0]);
+    let corners = corners(new[0], search);
     let still = Motion::still(width, height);
     let mut motion = still;
     // A level of few pixels shows the windows only the middle of the picture.
@@ -147,13 +158,20 @@ const EMPTY: Image<'static> = match Image::packed(&[], 0, 0) {
 };
 
 /// The strongest corner of each cell of `half`, in pixels of the frame, Q8.
-fn corners(half: Image<'_>) -> heapless::Vec<(i32, i32), MAX_SAMPLES> {
-    let side = |length: usize, cells: usize| length.div_ceil(cells).max(MIN_CELL);
+fn corners(half: Image<'_>, search: Search) -> heapless::Vec<(i32, i32), MAX_SAMPLES> {
+    let side = |length: usize, cells: usize| match search {
+        Search::Dense => length.div_ceil(cells).max(MIN_CELL),
+        Search::Sparse => length.div_ceil(cells).max(2 * MIN_CELL),
+    };
     let (width, height) = (side(half.width(), COLUMNS), side(half.height(), ROWS));
     let mut corners = heapless::Vec::new();
     for top in (0..half.height()).step_by(height) {
         for left in (0..half.width()).step_by(width) {
-            if let Some((x, y)) = flow::corner(half, (left, top), (left + width, top + height)) {
+            let found = match search {
+                Search::Dense => flow::corner(half, (left, top), (left + width, top + height)),
+                Search::Sparse => flow::block_corner(half, (left + width / 2, top + height / 2)),
+            };
+            if let Some((x, y)) = found {
                 // The middle of a pixel of the half lies at 2 * (x + 1/2) of the frame.
                 let _ = corners.push(((2 * x as i32 + 1) << 8, (2 * y as i32 + 1) << 8));
             }
@@ -218,6 +236,22 @@ mod tests {
                 assert!(motion.is_valid() && error(w, h, &motion, truth) < 0.15, "{motion:?}");
             }
         }
+    }
+
+    #[test]
+    fn few_corners_tell_nearly_as_much() {
+        let (w, h) = (320, 240);
+        let truth = turned(w, h, [0.01, -0.008, 0.02]);
+        let older = render(w, h, texture);
+        let newer = render(w, h, |x, y| texture(truth(x, y).0, truth(x, y).1));
+        let mut buffers = [(); 2].map(|_| vec![0; Registration::pyramid_len(w, h)]);
+        let [old, new] = &mut buffers;
+        let old = build(Image::packed(&older, w, h).unwrap(), old);
+        let new = build(Image::packed(&newer, w, h).unwrap(), new);
+        let [dense, sparse] = [Search::Dense, Search::Sparse].map(|s| corners(new[0], s).len());
+        assert!(sparse > 40 && 2 * sparse < dense, "{sparse} of {dense} corners");
+        let motion = measure((w, h), Search::Sparse, &new, &old);
+        assert!(motion.is_valid() && error(w, h, &motion, truth) < 0.4, "{motion:?}");
     }
 
     #[test]

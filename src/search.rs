@@ -26,7 +26,7 @@ const OVERLAP: u8 = 128;
 
 /// Rows of a map that are computed at a time: those of a window and a few more, since all but the first few are moved
 /// up for the next strip.
-const STRIP_ROWS: usize = WINDOW + 3;
+const STRIP_ROWS: usize = WINDOW + 11;
 
 /// Words of a candidate in memory.
 const CANDIDATE_WORDS: usize = 5;
@@ -145,6 +145,7 @@ const fn max(a: usize, b: usize) -> usize {
 
 /// The windows that `cascade` finds best, at most `most` of them and [`MAX_CANDIDATES`]; levels in parallel if asked
 /// for, where there are threads for it. The result is the same. Panics if `scratch` is too small for it.
+#[inline(never)]
 pub fn search(
     cascade: &Forest<'_>,
     pyramid: &Pyramid<'_>,
@@ -154,6 +155,7 @@ pub fn search(
 ) -> (Candidates, Counts) {
     let (found, strips) = scratch.words.split_at_mut(candidate_words(pyramid.geometry()));
     let noise = noise(pyramid, found);
+    let step = pyramid.geometry().history().stride();
     let (found, _) = found.as_chunks_mut();
     let (mut length, mut counts) = (0, Counts::default());
     let mut merge = |level: LevelFound| {
@@ -170,7 +172,7 @@ pub fn search(
         parallel,
         Scratch { bytes: scratch.bytes, words: strips },
         &mut merge,
-        |level, scratch| scan_level(cascade, level, &noise, scratch),
+        |level, scratch| scan_level(cascade, level, &noise, step, scratch),
     );
     let found = &mut found[..length];
     found.sort_unstable_by_key(|words| {
@@ -232,18 +234,19 @@ fn each_level(
 }
 
 /// Scans one level.
+#[inline(never)]
 fn scan_level(
     cascade: &Forest<'_>,
     level: &Pictures<'_>,
     noise: &[u32; DIFFERENCES],
+    step: usize,
     scratch: Scratch<'_>,
 ) -> LevelFound {
     let columns = level.level.cells().0;
     let mut found = LevelFound { number: level.number, windows: 0, kept: 0, best: Kept::new() };
     let scan = |strip: Strip<'_>| {
         let map = Map::new(strip, columns);
-        found.windows += map.window_count();
-        map.scan(level.number, cascade, |candidate| {
+        found.windows += map.scan(level.number, cascade, step, |candidate| {
             found.kept += 1;
             let item = (candidate.score, Reverse((candidate.y, candidate.x)));
             let best = &mut found.best;

@@ -6,12 +6,16 @@ use crate::registration::Motion;
 /// Side of the blocks whose corners are mapped exactly; inside, positions are interpolated.
 const BLOCK: usize = 16;
 
+/// Pixels that are tried in one run where those of a whole row of a block cannot be.
+const PIECE: usize = 4;
+
 /// Resamples `previous`, the frame `chain.len()` frames before `current`, to the geometry of `current`: `chain` holds
 /// the motions from `current` to the frame before it, from there to the one before, and so on. Both pictures are the
 /// frames halved `octave` times. Pixels that `previous` did not see take the value of `current`. `out` is packed,
 /// `width * height` bytes.
 ///
 /// Panics if the pictures differ in size or `out` has fewer bytes than they have pixels.
+#[inline(never)]
 pub fn warp(
     previous: Image<'_>,
     current: Image<'_>,
@@ -45,12 +49,18 @@ pub fn warp(
                 let segment = Segment { x, y, shift: start, slope };
                 let columns = BLOCK.min(width - x);
                 let out = &mut out[y * width + x..][..columns];
-                if let Ok(out) = <&mut [u8; BLOCK]>::try_from(&mut *out)
-                    && segment.copy_straight(previous, out)
-                {
+                let instead = &current.row(y)[x..x + columns];
+                if segment.copy_straight::<BLOCK>(previous, out) {
                     continue;
                 }
-                segment.copy(previous, &current.row(y)[x..x + columns], out);
+                // Most often so in pieces.
+                let pieces = out.chunks_mut(PIECE).zip(instead.chunks(PIECE)).enumerate();
+                for (i, (out, instead)) in pieces {
+                    let piece = segment.from(i * PIECE);
+                    if !piece.copy_straight::<PIECE>(previous, out) {
+                        piece.copy(previous, instead, out);
+                    }
+                }
             }
             left = right;
         }
@@ -84,14 +94,23 @@ struct Segment {
 }
 
 impl Segment {
-    /// Samples all pixels from two runs of consecutive bytes, which the compiler turns into vector instructions. False
-    /// when that cannot be: the whole part of the shift changes on the way, or pixels are missing.
-    fn copy_straight(&self, from: Image<'_>, out: &mut [u8; BLOCK]) -> bool {
-        const LAST: i32 = BLOCK as i32 - 1;
+    /// The part from pixel `i` on.
+    fn from(&self, i: usize) -> Self {
+        let along = |shift: i32, slope: i32| shift + i as i32 * slope;
+        let shift = (along(self.shift.0, self.slope.0), along(self.shift.1, self.slope.1));
+        Self { x: self.x + i, y: self.y, shift, slope: self.slope }
+    }
+
+    /// Samples `N` pixels from two runs of consecutive bytes, which the compiler turns into vector instructions. False
+    /// when that cannot be: there are not so many, the whole part of the shift changes on the way, or pixels are missing.
+    #[inline(always)]
+    fn copy_straight<const N: usize>(&self, from: Image<'_>, out: &mut [u8]) -> bool {
+        let Ok(out) = <&mut [u8; N]>::try_from(out) else { return false };
+        let last = N as i32 - 1;
         // Half a sixteenth, to round.
         let (dx, dy) = (self.shift.0 + (1 << 11), self.shift.1 + (1 << 11));
         let whole = (dx >> 16, dy >> 16);
-        if ((dx + LAST * self.slope.0) >> 16, (dy + LAST * self.slope.1) >> 16) != whole {
+        if ((dx + last * self.slope.0) >> 16, (dy + last * self.slope.1) >> 16) != whole {
             return false;
         }
         let (Ok(x), Ok(y)) =
@@ -99,19 +118,18 @@ impl Segment {
         else {
             return false;
         };
-        if x + BLOCK >= from.width() || y + 1 >= from.height() {
+        if x + N >= from.width() || y + 1 >= from.height() {
             return false;
         }
-        let run = |y: usize| <&[u8; BLOCK + 1]>::try_from(&from.row(y)[x..=x + BLOCK]);
-        let (Ok(upper), Ok(lower)) = (run(y), run(y + 1)) else { return false };
+        let (upper, lower) = (&from.row(y)[x..=x + N], &from.row(y + 1)[x..=x + N]);
         let (dx, dy) = (dx as u16, dy as u16);
         let (across, down) = (self.slope.0 as u16, self.slope.1 as u16);
         for (i, out) in out.iter_mut().enumerate() {
             let wx = dx.wrapping_add(across.wrapping_mul(i as u16)) >> 12;
             let wy = dy.wrapping_add(down.wrapping_mul(i as u16)) >> 12;
-            let a = u16::from(upper[i]) * (16 - wx) + u16::from(upper[i + 1]) * wx;
-            let b = u16::from(lower[i]) * (16 - wx) + u16::from(lower[i + 1]) * wx;
-            *out = ((a * (16 - wy) + b * wy + 128) >> 8) as u8;
+            let a = blend(upper[i].into(), upper[i + 1].into(), wx);
+            let b = blend(lower[i].into(), lower[i + 1].into(), wx);
+            *out = ((blend(a, b, wy) + 128) >> 8) as u8;
         }
         true
     }
@@ -133,18 +151,25 @@ impl Segment {
             let next = (x + 1).min(last_x) as usize;
             let across = |y: i32| {
                 let row = from.row(y as usize);
-                u16::from(row[x as usize]) * (16 - wx) + u16::from(row[next]) * wx
+                blend(row[x as usize].into(), row[next].into(), wx)
             };
             let (a, b) = (across(y), across((y + 1).min(last_y)));
-            *out = ((a * (16 - wy) + b * wy + 128) >> 8) as u8;
+            *out = ((blend(a, b, wy) + 128) >> 8) as u8;
         }
     }
+}
+
+/// 16 times the mixture of two values with `weight` sixteenths of the second.
+fn blend(first: u16, second: u16, weight: u16) -> u16 {
+    // One product instead of two; what wraps on the way is right in the end, which is below 2^16.
+    (first * 16).wrapping_add(second.wrapping_sub(first).wrapping_mul(weight))
 }
 
 /// How far each pixel of `current` lies outside the range of the 3x3 pixels around it in `warped`, in grey levels: 0
 /// where the older frame, moved by up to a pixel, explains it. Both slices are packed, `width * height` bytes.
 ///
 /// Panics if a slice has fewer bytes than the frame has pixels.
+#[inline(never)]
 pub fn temporal_difference(current: Image<'_>, warped: &[u8], out: &mut [u8]) {
     const STRIP: usize = 128;
     let (width, height) = (current.width(), current.height());

@@ -156,7 +156,7 @@ mod tests {
         let slice = Slice { grey: picture, near: difference };
         Slices {
             slices: [Some(slice); SLICES],
-            newest: Newest { slice, far: difference, plain: difference },
+            newest: Newest { slice, far: difference, plain: difference, oriented: true },
             motions: [Motion::IDENTITY; SLICES - 1],
             scale,
         }

@@ -113,6 +113,9 @@ pub struct TrainArgs {
     /// Depth of the scan's trees
     #[arg(long, default_value_t = 3)]
     pub scan_depth: u8,
+    /// Part of each step that the scan's trees take: with large steps fewer trees reject a window, for small boards
+    #[arg(long, default_value_t = 0.1)]
+    pub scan_shrinkage: f64,
     /// Share of the held-back targets that the scan's rejection thresholds keep
     #[arg(long, default_value_t = 0.93)]
     pub scan_keep: f64,

@@ -192,7 +192,7 @@ impl<'a> Trainer<'a> {
         let options = Options {
             rounds: trees,
             depth,
-            shrinkage: 0.1,
+            shrinkage: self.args.scan_shrinkage,
             min_hessian: 8.0,
             lambda: 4.0,
             feature_fraction: 0.1,

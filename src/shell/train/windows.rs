@@ -15,11 +15,17 @@ use crate::search::{self, Scratch};
 use std::vec;
 use std::vec::Vec;
 
-/// Tolerance of the scan's labels: windows step by a cell, and half a step between levels is the farthest that a target
-/// can be from the nearest of them, and a little more.
+/// Tolerance of the scan's labels: half a step between windows, or between levels, is the farthest that a target can be
+/// from the nearest of them, and a little more.
 fn tolerance(pyramid: &Pyramid<'_>) -> Tolerance {
-    let step = 1.0 / pyramid.geometry().scales_per_octave() as f64;
-    Tolerance { distance: 0.8, scale: 0.5 * step + 0.07, far: 3.0, other_scale: 1.0 }
+    let octaves = 1.0 / pyramid.geometry().scales_per_octave() as f64;
+    let cells = pyramid.geometry().history().stride() as f64;
+    Tolerance {
+        distance: 0.5 * cells + 0.3,
+        scale: 0.5 * octaves + 0.07,
+        far: 3.0,
+        other_scale: 1.0,
+    }
 }
 
 /// Values of a window's map and what it shows.
