@@ -80,7 +80,7 @@ impl DifferenceRow<'_> {
         }
     }
 
-    /// Adds [`DifferenceRow::quarters`] of each run of `length` cells to the next of `sums`.
+    /// Adds `quarters` of each run of `length` cells to the next of `sums`.
     pub fn sum_runs<'s>(&self, length: usize, sums: impl Iterator<Item = &'s mut u16>) {
         match self {
             Self::Pixels(_) => {
