@@ -6,7 +6,7 @@
 mod attitude;
 mod encounter;
 mod landscape;
-mod math;
+pub(in crate::shell) mod math;
 mod noise;
 mod scene;
 mod settings;

@@ -1,13 +1,15 @@
 //! The flights that are learned from: sampled frames with what the front end needs before each.
 
 use super::TrainArgs;
+use super::labels::BIRD;
 use super::look::Look;
+use super::paste::{self, Run, Turning};
 use super::random::Random;
 use crate::cube::SLICES;
 use crate::detector::Config;
 use crate::front::{FrontEnd, REACH};
 use crate::levels::Pyramid;
-use crate::shell::clips::{self, GroundTruth, TruthBox};
+use crate::shell::clips::{self, TruthBox};
 use crate::shell::error::Error;
 use crate::shell::parallel;
 use crate::shell::pipeline::Memory;
@@ -27,16 +29,16 @@ const SEGMENT: usize = 6;
 pub struct Footage {
     /// Number among all clips.
     pub number: usize,
-    /// Its boxes in the frames as recorded.
-    truth: GroundTruth,
-    /// From these to the frames below.
-    scaling: Scaling,
     /// Whether it is kept back to decide when to stop, never trained on.
     pub held_back: bool,
     /// Numbers of the sampled frames, from 1.
     pub samples: Vec<usize>,
     /// By number less 1; empty where not needed.
     frames: Vec<Frame>,
+    /// The boxes of each frame, in its pixels.
+    boxes: Vec<Vec<TruthBox>>,
+    /// How its camera was turned, where that is known.
+    turning: Option<Turning>,
 }
 
 /// How deep into the past a sampled frame is computed.
@@ -53,7 +55,7 @@ pub enum Depth {
 /// # Errors
 /// [`Error`] of the first clip that cannot be read.
 pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Error> {
-    let &TrainArgs { samples, hold_back, frame, .. } = args;
+    let &TrainArgs { samples, hold_back, frame, paste, seed, .. } = args;
     let mut footage: Vec<Footage> = Vec::new();
     for folder in &args.data {
         let clips = clips::clips(folder)?;
@@ -71,7 +73,34 @@ pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Er
             footage.push(clip?);
         }
     }
+    if paste > 0 {
+        let pasted = pasted(&footage, paste, seed);
+        footage.extend(pasted);
+    }
     Ok(footage)
+}
+
+/// Copies of the clips whose camera's attitude is known, with so many objects of other clips pasted in; none of those
+/// held back, and nothing of them.
+fn pasted(footage: &[Footage], count: usize, seed: u64) -> Vec<Footage> {
+    let learned = || footage.iter().filter(|clip| !clip.held_back);
+    let library = parallel::map(learned().collect(), |clip| {
+        if clip.turning.is_some() {
+            Vec::new()
+        } else {
+            paste::runs(&clip.frames, &clip.boxes, BIRD)
+        }
+    });
+    let library: Vec<Vec<Run>> = library.into_iter().filter(|runs| !runs.is_empty()).collect();
+    let turned = learned().filter_map(|clip| Some((clip, clip.turning.as_ref()?)));
+    parallel::map(turned.collect(), |(clip, turning)| {
+        let number = footage.len() + clip.number;
+        let mut random = Random::new(seed ^ (number as u64).rotate_left(24));
+        let (mut frames, mut boxes) = (clip.frames.clone(), clip.boxes.clone());
+        paste::paste(&mut frames, &mut boxes, turning, &library, count, &mut random);
+        let samples = clip.samples.clone();
+        Footage { number, held_back: false, samples, frames, boxes, turning: None }
+    })
 }
 
 /// Whether the clip at `place` of a folder is held back: every `hold_back`th (0: none).
@@ -89,12 +118,13 @@ fn read(
     let mut source = source::open(&clip.input.display().to_string())?;
     let mut footage = Footage {
         number,
-        truth: clip.ground_truth,
-        scaling: Scaling::new(size, 0, 0),
         held_back,
         samples: Vec::new(),
         frames: Vec::new(),
+        boxes: Vec::new(),
+        turning: None,
     };
+    let mut scaling = Scaling::new(size, 0, 0);
     let mut frame = Frame::default();
     // Clips start at different phases, so that a folder of short clips is sampled evenly too.
     let first = HISTORY + number % every;
@@ -103,16 +133,19 @@ fn read(
         let next =
             if index <= first { first } else { first + (index - first).div_ceil(every) * every };
         let needed = next - index <= HISTORY;
-        footage.scaling = Scaling::new(size, frame.width, frame.height);
+        scaling = Scaling::new(size, frame.width, frame.height);
         let mut seen = Frame::default();
         if needed {
-            footage.scaling.apply(&frame, &mut seen);
+            scaling.apply(&frame, &mut seen);
         }
         footage.frames.push(seen);
+        let boxes = clip.ground_truth.frame(index as u64 + 1);
+        footage.boxes.push(boxes.iter().map(|truth| scaling.truth(truth)).collect());
         if index == next {
             footage.samples.push(index + 1);
         }
     }
+    footage.turning = Turning::of(&clip.directory, scaling.seen())?;
     Ok(footage)
 }
 
@@ -190,12 +223,11 @@ pub fn visit<T: Send>(
                     front.build(picture.view(), bytes, &mut || {});
                     if number == frame {
                         let (pyramid, _) = front.pyramid(picture.view(), bytes);
-                        let boxes = clip.truth.frame(frame as u64);
                         let view = View {
                             number: (clip.number * 4096 + frame) as u32,
-                            boxes: boxes
+                            boxes: clip.boxes[frame - 1]
                                 .iter()
-                                .map(|b| look.truth(&clip.scaling.truth(b), size.width))
+                                .map(|truth| look.truth(truth, size.width))
                                 .collect(),
                             held_back: clip.held_back,
                             front: &front,

@@ -10,7 +10,7 @@ use std::vec::Vec;
 const SMALLEST: f64 = 7.0;
 
 /// A bird's class in the ground truth.
-const BIRD: u32 = 4;
+pub const BIRD: u32 = 4;
 
 /// What a box of the ground truth means to the trainer.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -11,6 +11,7 @@ mod file;
 mod footage;
 mod labels;
 mod look;
+mod paste;
 mod pool;
 pub(in crate::shell) mod random;
 mod report;
@@ -143,6 +144,9 @@ pub struct TrainArgs {
     /// Show the frames as they are: not mirrored, not smaller, contrast unchanged
     #[arg(long)]
     pub plain: bool,
+    /// Objects of other clips pasted into a copy of each clip whose camera's attitude is known (truth.csv, camera.json)
+    #[arg(long, default_value_t = 3)]
+    pub paste: usize,
     /// The method to train; what follows changes it
     #[arg(long, value_enum, default_value_t)]
     pub method: MethodName,

@@ -1,0 +1,310 @@
+//! Objects pasted into recorded flights: shapes of other clips before backgrounds that they never flew over.
+//!
+//! A recorded flight shows one or two objects, always the same before the same background: trees can learn the pair of
+//! them by heart. Objects cut out of a plain sky and drawn into the flight on courses of their own break these pairs
+//! (Dwibedi, Misra and Hebert, "Cut, Paste and Learn", ICCV 2017). They move before the world, not the frame: the
+//! camera's attitude has to be known.
+
+mod course;
+mod cutout;
+
+use super::random::Random;
+use crate::shell::camera::CameraFile;
+use crate::shell::clips::TruthBox;
+use crate::shell::error::Error;
+use crate::shell::simulate::math::{Rotation, atan2, direction};
+use crate::shell::source::Frame;
+use crate::shell::truth;
+use course::Course;
+pub use cutout::Cutout;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::vec::Vec;
+
+/// Seconds of a frame.
+const FRAME: f64 = 1.0 / 30.0;
+
+/// Courses drawn for an object before it is given up: many leave the frame, or cross another object.
+const TRIES: usize = 12;
+
+/// Most frames of a cut-out object in a row, and most such rows of a clip.
+const MOST: (usize, usize) = (32, 6);
+
+/// Fewest frames of a cut-out object in a row.
+const FEWEST: usize = 8;
+
+/// Most steps along the way that an object moves while the shutter is open, and most parts of a pixel each way.
+const MOST_STEPS: f64 = 12.0;
+const MOST_PARTS: f64 = 5.0;
+
+/// An object in successive frames.
+pub type Run = Vec<Cutout>;
+
+/// The objects of a clip that stand before a plain sky, in runs of successive frames.
+pub fn runs(frames: &[Frame], boxes: &[Vec<TruthBox>], bird: u32) -> Vec<Run> {
+    let mut runs = Vec::new();
+    let mut run = Run::new();
+    for (frame, boxes) in frames.iter().zip(boxes) {
+        let object = match boxes.as_slice() {
+            [one] if one.class != bird && !frame.pixels.is_empty() => Cutout::cut(frame, one),
+            _ => None,
+        };
+        let ended = object.is_none();
+        run.extend(object);
+        if run.len() == MOST.0 || ended {
+            if run.len() >= FEWEST {
+                runs.push(core::mem::take(&mut run));
+            }
+            run.clear();
+        }
+        if runs.len() == MOST.1 {
+            break;
+        }
+    }
+    runs
+}
+
+/// How a clip's camera was turned in each frame, and where it saw a direction.
+#[derive(Debug)]
+pub struct Turning {
+    rotations: BTreeMap<u64, Rotation>,
+    /// Pixels of the frame as seen: focal lengths, optical axis.
+    focal: [f64; 2],
+    centre: [f64; 2],
+}
+
+impl Turning {
+    /// From `truth.csv` and `camera.json` in a clip's folder, for frames of `size`; none where they are not.
+    ///
+    /// # Errors
+    /// [`Error`] when one is there and not understood.
+    pub fn of(directory: &Path, size: (usize, usize)) -> Result<Option<Self>, Error> {
+        let path = directory.join("truth.csv");
+        let Some(camera) = CameraFile::beside(directory)?.filter(|_| path.is_file()) else {
+            return Ok(None);
+        };
+        let frames = truth::read(&path)?;
+        let turned = |[roll, pitch, yaw]: [f64; 3]| Rotation::new(yaw, pitch, roll);
+        let scale = [
+            size.0 as f64 / f64::from(camera.width.max(1)),
+            size.1 as f64 / f64::from(camera.height.max(1)),
+        ];
+        Ok(Some(Self {
+            rotations: frames.into_iter().map(|(n, frame)| (n, turned(frame.attitude))).collect(),
+            focal: [camera.fx * scale[0], camera.fy * scale[1]],
+            // Centres of pixels are at whole numbers in the file, at halves here.
+            centre: [(camera.cx + 0.5) * scale[0], (camera.cy + 0.5) * scale[1]],
+        }))
+    }
+
+    /// Where frame `number`, from 1, sees what is at an azimuth and elevation; none behind the camera.
+    fn place(&self, number: usize, [azimuth, elevation]: [f64; 2]) -> Option<[f64; 2]> {
+        let seen = self.rotations.get(&(number as u64))?.invert(direction(azimuth, elevation));
+        (seen[2] > 0.1).then(|| [0, 1].map(|i| self.focal[i] * seen[i] / seen[2] + self.centre[i]))
+    }
+
+    /// Azimuth and elevation of what frame `number` sees at a place.
+    fn bearing(&self, number: usize, place: [f64; 2]) -> Option<[f64; 2]> {
+        let [x, y] = [0, 1].map(|i| (place[i] - self.centre[i]) / self.focal[i]);
+        let [x, y, z] = self.rotations.get(&(number as u64))?.apply([x, y, 1.0]);
+        Some([atan2(x, z), atan2(y, (x * x + z * z).sqrt())])
+    }
+}
+
+/// An object as it is to be drawn into all frames of a clip.
+struct Pasted<'a> {
+    run: &'a Run,
+    course: Course,
+    /// Frame of the run in the clip's first frame.
+    phase: usize,
+    mirrored: bool,
+    /// Width against height, of that in the run.
+    stretch: f64,
+    /// Share of a frame's time that the shutter is open.
+    exposure: f64,
+    /// Contrast, brightness, and whether light and dark change places.
+    tone: (f64, f64, bool),
+    /// Sensor noise, standard deviation in grey levels.
+    noise: f64,
+}
+
+impl<'a> Pasted<'a> {
+    fn draw(library: &'a [Vec<Run>], random: &mut Random) -> Self {
+        let clip = &library[random.below(library.len())];
+        let run = &clip[random.below(clip.len())];
+        Self {
+            run,
+            course: Course::draw(random),
+            phase: random.below(run.len()),
+            mirrored: random.below(2) == 0,
+            stretch: (0.3 * random.symmetric()).exp(),
+            exposure: 0.35 + 0.15 * random.symmetric(),
+            tone: (0.8 + 0.3 * random.symmetric(), 30.0 * random.symmetric(), random.below(7) == 0),
+            noise: 2.0 + random.symmetric(),
+        }
+    }
+
+    /// The object in the clip's frame at `index`: forth and back through its run.
+    fn cutout(&self, index: usize) -> &'a Cutout {
+        let length = self.run.len();
+        let at = (self.phase + index) % (2 * length);
+        &self.run[at.min(2 * length - 1 - at)]
+    }
+
+    /// Its box in the clip's frame at `index`, whether or not inside of the frame.
+    fn rect(&self, index: usize, turning: &Turning) -> Option<[f64; 4]> {
+        let time = index as f64 * FRAME;
+        let [x, y] = turning.place(index + 1, self.course.bearing(time))?;
+        let [_, _, width, height] = self.cutout(index).bounds;
+        let (width, length) = (width * self.stretch, self.course.length(time));
+        let scale = length / (width).max(height);
+        let (width, height) = (width * scale, height * scale);
+        (length > 0.0).then_some([x - width / 2.0, y - height / 2.0, width, height])
+    }
+}
+
+/// Pastes up to `count` objects of `library` (clips of runs) into the frames of a clip; adds their boxes to those of
+/// the frames. Frames that are empty stay so.
+pub fn paste(
+    frames: &mut [Frame],
+    boxes: &mut [Vec<TruthBox>],
+    turning: &Turning,
+    library: &[Vec<Run>],
+    count: usize,
+    random: &mut Random,
+) {
+    let Some(size) = frames.iter().find(|f| !f.pixels.is_empty()).map(|f| (f.width, f.height))
+    else {
+        return;
+    };
+    if library.is_empty() {
+        return;
+    }
+    for number in 0..count {
+        let fits = |pasted: &Pasted<'_>| fits(pasted, boxes, turning, size);
+        let mut tries = (0..TRIES).filter_map(|_| {
+            let pasted = Pasted::draw(library, random);
+            let index = random.below(frames.len());
+            let place =
+                [size.0, size.1].map(|side| side as f64 * (0.5 + 0.47 * random.symmetric()));
+            let bearing = turning.bearing(index + 1, place)?;
+            let course = pasted.course.through(bearing, index as f64 * FRAME);
+            Some(Pasted { course, ..pasted }).filter(fits)
+        });
+        let Some(pasted) = tries.next() else { continue };
+        drop(tries);
+        for index in 0..frames.len() {
+            let Some(rect) = pasted.rect(index, turning) else { continue };
+            let at = |index: usize| pasted.rect(index, turning).unwrap_or(rect);
+            let (before, after) =
+                (at(index.saturating_sub(1)), at((index + 1).min(frames.len() - 1)));
+            let centre = |rect: [f64; 4], i: usize| rect[i] + rect[i + 2] / 2.0;
+            let blur =
+                [0, 1].map(|i| (centre(after, i) - centre(before, i)) / 2.0 * pasted.exposure);
+            if !frames[index].pixels.is_empty() {
+                render(&mut frames[index], &pasted, pasted.cutout(index), rect, blur, random);
+            }
+            boxes[index].extend(seen(rect, size, &pasted, 1000 + number as i64, index));
+        }
+    }
+}
+
+/// Whether an object is in sight half of the time and never close to another one.
+fn fits(
+    pasted: &Pasted<'_>,
+    boxes: &[Vec<TruthBox>],
+    turning: &Turning,
+    size: (usize, usize),
+) -> bool {
+    let mut inside = 0;
+    for (index, others) in boxes.iter().enumerate() {
+        let Some([left, top, width, height]) = pasted.rect(index, turning) else { continue };
+        let (x, y) = (left + width / 2.0, top + height / 2.0);
+        inside +=
+            usize::from((0.0..size.0 as f64).contains(&x) && (0.0..size.1 as f64).contains(&y));
+        let length = width.max(height);
+        let close = |other: &TruthBox| {
+            (other.left + other.width / 2.0 - x).abs() < 0.75 * (other.width + length)
+                && (other.top + other.height / 2.0 - y).abs() < 0.75 * (other.height + length)
+        };
+        if others.iter().any(close) {
+            return false;
+        }
+    }
+    2 * inside > boxes.len()
+}
+
+/// The part of a box that is in the frame.
+fn seen(
+    [left, top, width, height]: [f64; 4],
+    size: (usize, usize),
+    pasted: &Pasted<'_>,
+    id: i64,
+    index: usize,
+) -> Option<TruthBox> {
+    let (right, bottom) = ((left + width).min(size.0 as f64), (top + height).min(size.1 as f64));
+    let (x, y) = (left.max(0.0), top.max(0.0));
+    let whole = (x, y) == (left, top) && right == left + width && bottom == top + height;
+    (right - x >= 1.0 && bottom - y >= 1.0).then(|| TruthBox {
+        id,
+        left: x,
+        top: y,
+        width: right - x,
+        height: bottom - y,
+        class: pasted.cutout(index).class,
+        visibility: if whole { 1.0 } else { 0.5 },
+    })
+}
+
+/// Draws an object so that its bounds fill `rect`, moved by `blur` while the shutter was open: each pixel is the mean
+/// over its area and that time.
+fn render(
+    frame: &mut Frame,
+    pasted: &Pasted<'_>,
+    cutout: &Cutout,
+    rect: [f64; 4],
+    blur: [f64; 2],
+    random: &mut Random,
+) {
+    let [left, top, width, height] = cutout.bounds;
+    // Pixels of the cut-out for one of the frame.
+    let steps = [width / rect[2], height / rect[3]];
+    let parts = steps[0].max(steps[1]).ceil().clamp(1.0, MOST_PARTS);
+    let times = blur[0].hypot(blur[1]).ceil().clamp(1.0, MOST_STEPS);
+    let margin = 8.0;
+    let span = |i: usize, end: usize| {
+        let reach = margin / steps[i] + blur[i].abs() / 2.0 + 1.0;
+        let first = (rect[i] - reach).floor().clamp(0.0, end as f64);
+        let last = (rect[i] + rect[i + 2] + reach).ceil().clamp(0.0, end as f64);
+        first as usize..last as usize
+    };
+    let (gain, offset, inverted) = pasted.tone;
+    for y in span(1, frame.height) {
+        for x in span(0, frame.width) {
+            let [mut opacity, mut light] = [0.0; 2];
+            let middles = |count: f64| (0..count as usize).map(move |i| (i as f64 + 0.5) / count);
+            for time in middles(times) {
+                for (j, i) in middles(parts).flat_map(|j| middles(parts).map(move |i| (j, i))) {
+                    let u = (x as f64 + i - rect[0] - blur[0] * (time - 0.5)) * steps[0];
+                    let v = (y as f64 + j - rect[1] - blur[1] * (time - 0.5)) * steps[1];
+                    let u = if pasted.mirrored { width - u } else { u };
+                    let [o, l] = cutout.at(left + u, top + v);
+                    opacity += o;
+                    light += l;
+                }
+            }
+            let count = parts * parts * times;
+            (opacity, light) = (opacity / count, light / count);
+            if opacity == 0.0 {
+                continue;
+            }
+            let toned = gain * light + offset * opacity;
+            let toned = if inverted { 255.0 * opacity - toned } else { toned };
+            // Uniform noise of that standard deviation.
+            let noise = pasted.noise * 3f64.sqrt() * random.symmetric() * opacity;
+            let pixel = &mut frame.pixels[y * frame.width + x];
+            let behind = f64::from(*pixel) * (1.0 - opacity);
+            *pixel = (behind + toned + noise).round().clamp(0.0, 255.0) as u8;
+        }
+    }
+}
