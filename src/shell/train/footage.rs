@@ -1,7 +1,6 @@
 //! The flights that are learned from: sampled frames with what the front end needs before each.
 
 use super::TrainArgs;
-use super::labels::BIRD;
 use super::look::Look;
 use super::paste::{self, Run, Turning};
 use super::random::Random;
@@ -85,11 +84,7 @@ pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Er
 fn pasted(footage: &[Footage], count: usize, seed: u64) -> Vec<Footage> {
     let learned = || footage.iter().filter(|clip| !clip.held_back);
     let library = parallel::map(learned().collect(), |clip| {
-        if clip.turning.is_some() {
-            Vec::new()
-        } else {
-            paste::runs(&clip.frames, &clip.boxes, BIRD)
-        }
+        if clip.turning.is_some() { Vec::new() } else { paste::runs(&clip.frames, &clip.boxes) }
     });
     let library: Vec<Vec<Run>> = library.into_iter().filter(|runs| !runs.is_empty()).collect();
     let turned = learned().filter_map(|clip| Some((clip, clip.turning.as_ref()?)));

@@ -58,7 +58,7 @@ impl Course {
         let length = ratio(random, lengths);
         let mut rates = speeds.map(|speed| speed * DEGREE * random.symmetric());
         if speeds[0] > 3.0 {
-            rates[0] = speeds[0] * DEGREE * f64::from(random.below(2) as u8 * 2).mul_add(1.0, -1.0);
+            rates[0] = speeds[0] * DEGREE * [-1.0, 1.0][random.below(2)];
         }
         let sway = [(); 2].map(|()| {
             let period = 1.0 + 3.0 * unit(random);

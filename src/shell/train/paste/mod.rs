@@ -7,19 +7,16 @@
 
 mod course;
 mod cutout;
+mod turning;
 
+use super::labels::BIRD;
 use super::random::Random;
-use crate::shell::camera::CameraFile;
 use crate::shell::clips::TruthBox;
-use crate::shell::error::Error;
-use crate::shell::simulate::math::{Rotation, atan2, direction};
 use crate::shell::source::Frame;
-use crate::shell::truth;
 use course::Course;
 pub use cutout::Cutout;
-use std::collections::BTreeMap;
-use std::path::Path;
 use std::vec::Vec;
+pub use turning::Turning;
 
 /// Seconds of a frame.
 const FRAME: f64 = 1.0 / 30.0;
@@ -41,12 +38,12 @@ const MOST_PARTS: f64 = 5.0;
 pub type Run = Vec<Cutout>;
 
 /// The objects of a clip that stand before a plain sky, in runs of successive frames.
-pub fn runs(frames: &[Frame], boxes: &[Vec<TruthBox>], bird: u32) -> Vec<Run> {
+pub fn runs(frames: &[Frame], boxes: &[Vec<TruthBox>]) -> Vec<Run> {
     let mut runs = Vec::new();
     let mut run = Run::new();
     for (frame, boxes) in frames.iter().zip(boxes) {
         let object = match boxes.as_slice() {
-            [one] if one.class != bird && !frame.pixels.is_empty() => Cutout::cut(frame, one),
+            [one] if one.class != BIRD && !frame.pixels.is_empty() => Cutout::cut(frame, one),
             _ => None,
         };
         let ended = object.is_none();
@@ -62,53 +59,6 @@ pub fn runs(frames: &[Frame], boxes: &[Vec<TruthBox>], bird: u32) -> Vec<Run> {
         }
     }
     runs
-}
-
-/// How a clip's camera was turned in each frame, and where it saw a direction.
-#[derive(Debug)]
-pub struct Turning {
-    rotations: BTreeMap<u64, Rotation>,
-    /// Pixels of the frame as seen: focal lengths, optical axis.
-    focal: [f64; 2],
-    centre: [f64; 2],
-}
-
-impl Turning {
-    /// From `truth.csv` and `camera.json` in a clip's folder, for frames of `size`; none where they are not.
-    ///
-    /// # Errors
-    /// [`Error`] when one is there and not understood.
-    pub fn of(directory: &Path, size: (usize, usize)) -> Result<Option<Self>, Error> {
-        let path = directory.join("truth.csv");
-        let Some(camera) = CameraFile::beside(directory)?.filter(|_| path.is_file()) else {
-            return Ok(None);
-        };
-        let frames = truth::read(&path)?;
-        let turned = |[roll, pitch, yaw]: [f64; 3]| Rotation::new(yaw, pitch, roll);
-        let scale = [
-            size.0 as f64 / f64::from(camera.width.max(1)),
-            size.1 as f64 / f64::from(camera.height.max(1)),
-        ];
-        Ok(Some(Self {
-            rotations: frames.into_iter().map(|(n, frame)| (n, turned(frame.attitude))).collect(),
-            focal: [camera.fx * scale[0], camera.fy * scale[1]],
-            // Centres of pixels are at whole numbers in the file, at halves here.
-            centre: [(camera.cx + 0.5) * scale[0], (camera.cy + 0.5) * scale[1]],
-        }))
-    }
-
-    /// Where frame `number`, from 1, sees what is at an azimuth and elevation; none behind the camera.
-    fn place(&self, number: usize, [azimuth, elevation]: [f64; 2]) -> Option<[f64; 2]> {
-        let seen = self.rotations.get(&(number as u64))?.invert(direction(azimuth, elevation));
-        (seen[2] > 0.1).then(|| [0, 1].map(|i| self.focal[i] * seen[i] / seen[2] + self.centre[i]))
-    }
-
-    /// Azimuth and elevation of what frame `number` sees at a place.
-    fn bearing(&self, number: usize, place: [f64; 2]) -> Option<[f64; 2]> {
-        let [x, y] = [0, 1].map(|i| (place[i] - self.centre[i]) / self.focal[i]);
-        let [x, y, z] = self.rotations.get(&(number as u64))?.apply([x, y, 1.0]);
-        Some([atan2(x, z), atan2(y, (x * x + z * z).sqrt())])
-    }
 }
 
 /// An object as it is to be drawn into all frames of a clip.
@@ -306,5 +256,101 @@ fn render(
             let behind = f64::from(*pixel) * (1.0 - opacity);
             *pixel = (behind + toned + noise).round().clamp(0.0, 255.0) as u8;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::turning::tests::{SIZE, turning};
+    use super::*;
+    use std::vec;
+
+    /// Frames of one grey level; every third one is not needed.
+    fn frames(grey: u8) -> Vec<Frame> {
+        let (width, height) = SIZE;
+        let frame = |i: usize| match i % 3 {
+            2 => Frame::default(),
+            _ => Frame { pixels: vec![grey; width * height], width, height, time_us: i as i64 },
+        };
+        (0..90).map(frame).collect()
+    }
+
+    /// A clip whose object, a dark bar, grows slowly before a bright sky.
+    fn library() -> Vec<Vec<Run>> {
+        let mut frames: Vec<Frame> = frames(200);
+        let mut boxes = vec![Vec::new(); frames.len()];
+        for i in 0..20 {
+            frames[i] = Frame {
+                pixels: vec![200; SIZE.0 * SIZE.1],
+                width: SIZE.0,
+                height: SIZE.1,
+                time_us: 0,
+            };
+            let (width, height) = (30 + i, 12);
+            for y in 50..50 + height {
+                frames[i].pixels[y * SIZE.0 + 40..y * SIZE.0 + 40 + width].fill(60);
+            }
+            let (width, height) = (width as f64, height as f64);
+            boxes[i].push(TruthBox {
+                id: 1,
+                left: 40.0,
+                top: 50.0,
+                width,
+                height,
+                class: 2,
+                visibility: 1.0,
+            });
+        }
+        let runs = runs(&frames, &boxes);
+        assert_eq!(runs.iter().map(Vec::len).collect::<Vec<_>>(), [20]);
+        vec![runs]
+    }
+
+    #[test]
+    fn pasted_objects_are_in_their_boxes_and_nowhere_else() {
+        let (turning, library) = (turning(), library());
+        let mut pasted = 0;
+        for seed in 0..12 {
+            let mut shown = frames(120);
+            let mut boxes = vec![Vec::new(); shown.len()];
+            paste(&mut shown, &mut boxes, &turning, &library, 2, &mut Random::new(seed));
+            for (frame, boxes) in shown.iter().zip(&boxes) {
+                assert_eq!(frame.pixels.is_empty(), frame.width == 0);
+                for (i, &pixel) in frame.pixels.iter().enumerate() {
+                    let (x, y) = ((i % SIZE.0) as f64 + 0.5, (i / SIZE.0) as f64 + 0.5);
+                    // An object's edge is not sharp, and the camera moves a few pixels while the shutter is open.
+                    let near = |b: &TruthBox| {
+                        (b.left - 6.0..b.left + b.width + 6.0).contains(&x)
+                            && (b.top - 6.0..b.top + b.height + 6.0).contains(&y)
+                    };
+                    assert!(pixel == 120 || boxes.iter().any(near), "{seed}: {x} {y} {boxes:?}");
+                }
+                for b in boxes.iter().filter(|b| b.visibility == 1.0 && !frame.pixels.is_empty()) {
+                    assert_eq!(b.class, 2);
+                    let (x, y) = (b.left + b.width / 2.0, b.top + b.height / 2.0);
+                    let middle = frame.pixels[y as usize * SIZE.0 + x as usize];
+                    // A tone may bring an object near to what is behind it.
+                    pasted += usize::from(middle.abs_diff(120) > 12);
+                }
+            }
+        }
+        assert!(pasted > 200, "{pasted}");
+    }
+
+    #[test]
+    fn the_same_seed_pastes_the_same() {
+        let (turning, library) = (turning(), library());
+        let show = |seed| {
+            let mut shown = frames(120);
+            let mut boxes = vec![Vec::new(); shown.len()];
+            paste(&mut shown, &mut boxes, &turning, &library, 2, &mut Random::new(seed));
+            (shown.into_iter().map(|f| f.pixels).collect::<Vec<_>>(), boxes)
+        };
+        assert_eq!(show(1), show(1));
+        assert_ne!(show(1).1, show(2).1);
+        let mut empty = frames(120);
+        let mut boxes = vec![Vec::new(); empty.len()];
+        paste(&mut empty, &mut boxes, &turning, &[], 2, &mut Random::new(1));
+        assert!(boxes.iter().all(Vec::is_empty));
     }
 }
