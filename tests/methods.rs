@@ -113,6 +113,37 @@ fn every_method_is_trained_and_stands_in_the_report() {
     assert!(mixed.contains("park.lkm: a model of the method acf; make it with"), "{mixed}");
 }
 
+/// A clip of a dark bar that crosses a bright sky, nothing being known of its camera.
+fn bar(folder: &TempDir) {
+    let frames = folder.path().join("data/bar/frames");
+    fs::create_dir_all(&frames).unwrap();
+    let mut boxes = String::new();
+    for frame in 0..24 {
+        let (left, top, width, height) = (40 + 3 * frame, 60, 24, 9);
+        let bar = |x, y| (left..left + width).contains(&x) && (top..top + height).contains(&y);
+        let grey = |x, y| if bar(x, y) { 50 } else { 190 };
+        let picture = image::GrayImage::from_fn(256, 192, |x, y| image::Luma([grey(x, y)]));
+        picture.save(frames.join(format!("{frame:03}.png"))).unwrap();
+        boxes += &format!("{},1,{left},{top},{width},{height},1,2,1\n", frame + 1);
+    }
+    fs::write(folder.path().join("data/bar/gt.txt"), boxes).unwrap();
+}
+
+#[test]
+fn objects_are_pasted_where_the_attitude_is_known() {
+    let folder = tempfile::tempdir().unwrap();
+    split(&folder);
+    let settings = ["--scan-trees=8", "--regressor-trees=4", "--cube-trees=8", "--features=60"];
+    let which = ["train", "data", "--samples=16", "--mining=1", "--hold-back=0", "--out", "x.lkm"];
+    let train = [&which[..], &settings, &["--paste=1"]].concat();
+    let error = complaint(&folder, &train);
+    assert!(error.contains("--paste needs clips with truth.csv and camera.json"), "{error}");
+    bar(&folder);
+    succeeded(&folder, &train);
+    let card = fs::read_to_string(folder.path().join("README.md")).unwrap();
+    assert!(card.contains("frames of 3 clips; 2 of them again with objects"), "{card}");
+}
+
 #[test]
 fn what_is_missing_is_named() {
     let folder = tempfile::tempdir().unwrap();

@@ -28,6 +28,8 @@ const SEGMENT: usize = 6;
 pub struct Footage {
     /// Number among all clips.
     pub number: usize,
+    /// Whether it is a copy of another one with objects pasted in.
+    pub pasted: bool,
     /// Whether it is kept back to decide when to stop, never trained on.
     pub held_back: bool,
     /// Numbers of the sampled frames, from 1.
@@ -74,6 +76,11 @@ pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Er
     }
     if paste > 0 {
         let pasted = pasted(&footage, paste, seed);
+        if pasted.iter().all(|clip| clip.boxes.iter().flatten().all(|b| b.id < paste::FIRST_ID)) {
+            let reason = "--paste needs clips with truth.csv and camera.json to paste into, and \
+                 others with objects before a plain sky, of 18 pixels at least";
+            return Err(Error::Training { reason: reason.to_string() });
+        }
         footage.extend(pasted);
     }
     Ok(footage)
@@ -94,7 +101,7 @@ fn pasted(footage: &[Footage], count: usize, seed: u64) -> Vec<Footage> {
         let (mut frames, mut boxes) = (clip.frames.clone(), clip.boxes.clone());
         paste::paste(&mut frames, &mut boxes, turning, &library, count, &mut random);
         let samples = clip.samples.clone();
-        Footage { number, held_back: false, samples, frames, boxes, turning: None }
+        Footage { number, pasted: true, held_back: false, samples, frames, boxes, turning: None }
     })
 }
 
@@ -113,6 +120,7 @@ fn read(
     let mut source = source::open(&clip.input.display().to_string())?;
     let mut footage = Footage {
         number,
+        pasted: false,
         held_back,
         samples: Vec::new(),
         frames: Vec::new(),
@@ -151,6 +159,8 @@ pub struct View<'a> {
     pub number: u32,
     /// The boxes of the frame as it looks.
     pub boxes: Vec<TruthBox>,
+    /// Whether objects were pasted into it.
+    pub pasted: bool,
     /// Whether it is of a clip that is held back.
     pub held_back: bool,
     /// The front end after the frame.
@@ -224,6 +234,7 @@ pub fn visit<T: Send>(
                                 .iter()
                                 .map(|truth| look.truth(truth, size.width))
                                 .collect(),
+                            pasted: clip.pasted,
                             held_back: clip.held_back,
                             front: &front,
                         };

@@ -145,7 +145,7 @@ pub struct TrainArgs {
     #[arg(long)]
     pub plain: bool,
     /// Objects of other clips pasted into a copy of each clip whose camera's attitude is known (truth.csv, camera.json)
-    #[arg(long, default_value_t = 3)]
+    #[arg(long, default_value_t = 0)]
     pub paste: usize,
     /// The method to train; what follows changes it
     #[arg(long, value_enum, default_value_t)]

@@ -21,6 +21,8 @@ const END: &str = "<!-- end of what lookout train writes -->";
 pub struct Summary {
     /// Clips in all.
     pub clips: usize,
+    /// Of these, clips that were shown again with objects pasted in.
+    pub pasted_clips: usize,
     /// Frames learned from.
     pub samples: usize,
     /// Clips held back.
@@ -105,11 +107,15 @@ impl Report {
         precision: &str,
         time: Duration,
     ) -> Result<(), Error> {
-        let Summary { clips, samples, held_back_clips, held_back_samples } = summary;
+        let Summary { clips, pasted_clips, samples, held_back_clips, held_back_samples } = summary;
+        let again = match pasted_clips {
+            0 => String::new(),
+            clips => format!("; {clips} of them again with objects of others pasted in"),
+        };
         let name = name(model);
         let generated = format!(
             "{BEGIN}\n| | |\n| --- | --- |\n{}\n| command | `{}` |\n\
-             | learned from | {samples} frames of {} clips |\n| held back to decide when to stop | \
+             | learned from | {samples} frames of {} clips{again} |\n| held back to decide when to stop | \
              {held_back_samples} frames of {held_back_clips} clips |\n{}\n| time | {} minutes |\n{END}",
             model_row(&name, bytes),
             super::command(),

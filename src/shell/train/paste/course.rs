@@ -7,7 +7,7 @@ use core::f64::consts::TAU;
 const DEGREE: f64 = TAU / 360.0;
 
 /// Lengths of objects in pixels, at first: of those that come nearer, of those that go, of the others.
-const LENGTHS: [(f64, f64); 3] = [(8.0, 30.0), (18.0, 60.0), (10.0, 55.0)];
+const LENGTHS: [(f64, f64); 3] = [(8.0, 40.0), (18.0, 110.0), (10.0, 110.0)];
 
 /// How an object moves before the camera's place, and how its length in the picture changes.
 #[derive(Debug, Clone, Copy)]
@@ -107,7 +107,7 @@ mod tests {
             let [azimuth, elevation] = course.bearing(2.0);
             assert!((azimuth - 0.3).abs() < 1e-12 && (elevation + 0.1).abs() < 1e-12);
             let lengths = [0.0, 5.0].map(|time| course.length(time));
-            assert!(lengths.iter().all(|length| (5.0..200.0).contains(length)), "{course:?}");
+            assert!(lengths.iter().all(|length| (5.0..220.0).contains(length)), "{course:?}");
             grew += u32::from(lengths[1] > 1.5 * lengths[0]);
             fell += u32::from(lengths[1] < 0.7 * lengths[0]);
             fast +=

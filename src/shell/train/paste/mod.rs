@@ -18,11 +18,14 @@ pub use cutout::Cutout;
 use std::vec::Vec;
 pub use turning::Turning;
 
+/// The number of the first pasted object among those of a clip; the others' come after it.
+pub const FIRST_ID: i64 = 1_000_000;
+
 /// Seconds of a frame.
 const FRAME: f64 = 1.0 / 30.0;
 
 /// Courses drawn for an object before it is given up: many leave the frame, or cross another object.
-const TRIES: usize = 12;
+const TRIES: usize = 24;
 
 /// Most frames of a cut-out object in a row, and most such rows of a clip.
 const MOST: (usize, usize) = (32, 6);
@@ -33,6 +36,12 @@ const FEWEST: usize = 8;
 /// Most steps along the way that an object moves while the shutter is open, and most parts of a pixel each way.
 const MOST_STEPS: f64 = 12.0;
 const MOST_PARTS: f64 = 5.0;
+
+/// Most times that an object is enlarged.
+const LARGEST: f64 = 1.6;
+
+/// Smallest contrast of an object that is to be found, grey levels.
+const FAINT: f64 = 12.0;
 
 /// An object in successive frames.
 pub type Run = Vec<Cutout>;
@@ -151,15 +160,20 @@ pub fn paste(
             let centre = |rect: [f64; 4], i: usize| rect[i] + rect[i + 2] / 2.0;
             let blur =
                 [0, 1].map(|i| (centre(after, i) - centre(before, i)) / 2.0 * pasted.exposure);
+            let mut contrast = 0.0;
             if !frames[index].pixels.is_empty() {
-                render(&mut frames[index], &pasted, pasted.cutout(index), rect, blur, random);
+                contrast =
+                    render(&mut frames[index], &pasted, pasted.cutout(index), rect, blur, random);
             }
-            boxes[index].extend(seen(rect, size, &pasted, 1000 + number as i64, index));
+            let seen = seen(rect, size, &pasted, FIRST_ID + number as i64, index);
+            // What can hardly be seen is neither to be found nor to be left.
+            let shown = |b: TruthBox| if contrast < FAINT { 0.5 } else { b.visibility };
+            boxes[index].extend(seen.map(|b| TruthBox { visibility: shown(b), ..b }));
         }
     }
 }
 
-/// Whether an object is in sight half of the time and never close to another one.
+/// Whether an object is in sight half of the time, never close to another one and never too much enlarged.
 fn fits(
     pasted: &Pasted<'_>,
     boxes: &[Vec<TruthBox>],
@@ -177,7 +191,8 @@ fn fits(
             (other.left + other.width / 2.0 - x).abs() < 0.75 * (other.width + length)
                 && (other.top + other.height / 2.0 - y).abs() < 0.75 * (other.height + length)
         };
-        if others.iter().any(close) {
+        let [_, _, across, down] = pasted.cutout(index).bounds;
+        if length > LARGEST * across.max(down) || others.iter().any(close) {
             return false;
         }
     }
@@ -207,7 +222,7 @@ fn seen(
 }
 
 /// Draws an object so that its bounds fill `rect`, moved by `blur` while the shutter was open: each pixel is the mean
-/// over its area and that time.
+/// over its area and that time. Returns its contrast: the mean change of its pixels in grey levels.
 fn render(
     frame: &mut Frame,
     pasted: &Pasted<'_>,
@@ -215,7 +230,7 @@ fn render(
     rect: [f64; 4],
     blur: [f64; 2],
     random: &mut Random,
-) {
+) -> f64 {
     let [left, top, width, height] = cutout.bounds;
     // Pixels of the cut-out for one of the frame.
     let steps = [width / rect[2], height / rect[3]];
@@ -229,6 +244,7 @@ fn render(
         first as usize..last as usize
     };
     let (gain, offset, inverted) = pasted.tone;
+    let (mut changes, mut weight) = (0.0, 1.0);
     for y in span(1, frame.height) {
         for x in span(0, frame.width) {
             let [mut opacity, mut light] = [0.0; 2];
@@ -253,10 +269,14 @@ fn render(
             // Uniform noise of that standard deviation.
             let noise = pasted.noise * 3f64.sqrt() * random.symmetric() * opacity;
             let pixel = &mut frame.pixels[y * frame.width + x];
-            let behind = f64::from(*pixel) * (1.0 - opacity);
-            *pixel = (behind + toned + noise).round().clamp(0.0, 255.0) as u8;
+            let behind = f64::from(*pixel) * opacity;
+            changes += (toned - behind).abs();
+            weight += opacity;
+            let shown = f64::from(*pixel) - behind + toned + noise;
+            *pixel = shown.round().clamp(0.0, 255.0) as u8;
         }
     }
+    changes / weight
 }
 
 #[cfg(test)]
