@@ -36,25 +36,34 @@ impl Surroundings {
             let from_middle = 2 * samples * (i as i64 - SIDE as i64 / 2) + 2 * a + 1;
             (i64::from(centre) * 16 + (((from_middle * scale) / (2 * samples)) >> 4) - 2048) >> 8
         };
-        let (right, bottom) = (frame.width() as i64 - 1, frame.height() as i64 - 1);
+        // The pixels of a line of `length` on both sides of a sample, and the weight of the second one in sixteenths.
+        let sides = |at: i64, length: usize| {
+            let pixel = |at: i64| at.clamp(0, length as i64 - 1) as usize;
+            (pixel(at >> 4), pixel((at >> 4) + 1), (at & 15) as u32)
+        };
+        let mut columns = [[(0, 0, 0); MOST_SAMPLES as usize]; SIDE];
+        for (i, columns) in columns.iter_mut().enumerate() {
+            for (a, column) in (0..samples).zip(columns) {
+                *column = sides(place(centre.0, i, a), frame.width());
+            }
+        }
+        let samples_across = samples as usize;
         for (j, row) in self.pixels[..SIDE * SIDE].chunks_exact_mut(SIDE).enumerate() {
-            for (i, out) in row.iter_mut().enumerate() {
-                let mut sum = 0;
-                for b in 0..samples {
-                    let y = place(centre.1, j, b);
-                    let at = |row: i64| frame.row(row.clamp(0, bottom) as usize);
-                    let (upper, lower) = (at(y >> 4), at((y >> 4) + 1));
-                    for a in 0..samples {
-                        let x = place(centre.0, i, a);
-                        let column = |column: i64| column.clamp(0, right) as usize;
-                        let (left, next) = (column(x >> 4), column((x >> 4) + 1));
+            let mut sums = [0u32; SIDE];
+            for b in 0..samples {
+                let (upper, lower, down) = sides(place(centre.1, j, b), frame.height());
+                let (upper, lower) = (frame.row(upper), frame.row(lower));
+                for (sum, columns) in sums.iter_mut().zip(&columns) {
+                    for &(left, next, right) in &columns[..samples_across] {
                         let across = |row: &[u8]| {
-                            i64::from(row[left]) * (16 - (x & 15)) + i64::from(row[next]) * (x & 15)
+                            u32::from(row[left]) * (16 - right) + u32::from(row[next]) * right
                         };
-                        sum += across(upper) * (16 - (y & 15)) + across(lower) * (y & 15);
+                        *sum += across(upper) * (16 - down) + across(lower) * down;
                     }
                 }
-                *out = (sum / (256 * samples * samples)) as u8;
+            }
+            for (out, sum) in row.iter_mut().zip(sums) {
+                *out = (sum / (256 * (samples * samples) as u32)) as u8;
             }
         }
         let (mut above, mut rest) = self.pixels.split_at_mut(SIDE * SIDE);
@@ -140,6 +149,7 @@ mod tests {
     use crate::flow::tests::{render, texture};
     use crate::gradient::CELL;
     use crate::registration::Motion;
+    use proptest::prelude::*;
     use std::vec::Vec;
 
     const WIDTH: usize = 320;
@@ -205,6 +215,40 @@ mod tests {
             let start = Position { x, y: 20 };
             let path = follow(&slices, &frames, start, &mut empty());
             assert_eq!((path.positions, path.moves), ([start; SLICES], 0));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn surroundings_are_means_of_bilinear_samples(
+            pixels in prop::collection::vec(any::<u8>(), 40 * 30), x in -20..60i32, y in -20..50i32, scale in 65536..400_000u32,
+        ) {
+            let frame = Image::packed(&pixels, 40, 30).unwrap();
+            let centre = (x * 256 + 77, y * 256 + 200);
+            let mut surroundings = Surroundings::EMPTY;
+            surroundings.take(&frame, centre, scale);
+            let scale = i64::from(scale);
+            let samples = ((scale + 65535) >> 16).min(MOST_SAMPLES);
+            let pixel = |x: i64, y: i64| {
+                let inside = |v: i64, length: i64| v.clamp(0, length - 1) as usize;
+                i64::from(frame.row(inside(y, 30))[inside(x, 40)])
+            };
+            // Sixteenths of a pixel from the middle of pixel 0.
+            let place = |centre: i32, i: usize, a: i64| {
+                let from_middle = 2 * samples * (i as i64 - SIDE as i64 / 2) + 2 * a + 1;
+                (i64::from(centre) * 16 + (((from_middle * scale) / (2 * samples)) >> 4) - 2048) >> 8
+            };
+            for (j, i) in (0..SIDE).flat_map(|j| (0..SIDE).map(move |i| (j, i))) {
+                let mut sum = 0;
+                for (b, a) in (0..samples).flat_map(|b| (0..samples).map(move |a| (b, a))) {
+                    let (x, y) = (place(centre.0, i, a), place(centre.1, j, b));
+                    let (left, top, right, down) = (x >> 4, y >> 4, x & 15, y & 15);
+                    let row = |y| pixel(left, y) * (16 - right) + pixel(left + 1, y) * right;
+                    sum += row(top) * (16 - down) + row(top + 1) * down;
+                }
+                let naive = sum / (256 * samples * samples);
+                prop_assert_eq!(i64::from(surroundings.levels()[0].row(j)[i]), naive, "{} {}", i, j);
+            }
         }
     }
 }
