@@ -40,6 +40,8 @@ pub struct Row {
     pub offset: Option<Offset>,
     /// The target's number, unlike that of every other target and frame.
     pub target: u32,
+    /// Whether it is of a clip that objects were pasted into.
+    pub pasted: bool,
     /// Whether it is of a clip that is held back.
     pub held_back: bool,
 }
@@ -83,6 +85,7 @@ pub fn patches(
                     label: 0.0,
                     offset: Some(Offset::of(&truth, position, &level.level)),
                     target: 0,
+                    pasted: view.pasted,
                     held_back: view.held_back,
                 });
             }
@@ -104,7 +107,7 @@ pub fn cubes(
     let found = windows::candidates(pyramid, model, config);
     let mut candidates: Vec<(Candidate, Position, bool)> =
         found.iter().map(|c| (*c, search::window(c), true)).collect();
-    for truth in truths.iter().filter(|_| !view.pasted) {
+    for truth in &truths {
         let Truth::Target(truth) = truth else { continue };
         for level in pyramid.searched() {
             let offset = Offset::of(truth, Position::default(), &level.level);
@@ -140,10 +143,8 @@ pub fn cubes(
         };
         let class = if scanned { class } else { 0.0 };
         let offset = match label(&truths, at, level, &REACH) {
-            // Boxes learned from pasted objects too were worse for large targets before the sky (AveP at IoU 0.5 on real
-            // clips held back 0.94 instead of 0.97), and no better over ground.
-            Label::Positive(_, offset) if !view.pasted => Some(offset),
-            _ => None,
+            Label::Positive(_, offset) => Some(offset),
+            Label::Negative | Label::Ignore => None,
         };
         if class == 0.0 && offset.is_none() {
             continue;
@@ -154,6 +155,7 @@ pub fn cubes(
             label: class,
             offset,
             target,
+            pasted: view.pasted,
             held_back: view.held_back,
         });
     }

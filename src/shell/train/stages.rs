@@ -42,6 +42,12 @@ const BAGGING: Bagging = Bagging {
     seed: 0,
 };
 
+/// What a window of a clip with pasted objects weighs where a box's x, y, width and height are learned. Weighing as much
+/// as others they pull large targets before the sky in: on clips held back (every fourth), of windows on targets, boxes
+/// with an IoU over 0.5 were 0.851 of the airborne and 0.972 of the real ones without them, 0.872 and 0.951 at weight 1,
+/// 0.867 and 0.964 at 0.3; heights gained nothing.
+const PASTED: [f32; 4] = [0.3, 0.3, 0.3, 0.0];
+
 /// Features to choose from for φ_h and φ_v.
 const PATCH_FEATURES: usize = 900;
 
@@ -238,7 +244,8 @@ impl<'a> Trainer<'a> {
         let targets: Vec<f32> = rows.iter().map(value).collect();
         let weigh = |held_back: bool| -> Vec<f32> {
             let used = |row: &Row| row.offset.is_some() && row.held_back == held_back;
-            rows.iter().map(|row| f32::from(u8::from(used(row)))).collect()
+            let weight = |row: &Row| if row.pasted { PASTED[component] } else { 1.0 };
+            rows.iter().map(|row| if used(row) { weight(row) } else { 0.0 }).collect()
         };
         let (weights, held_back) = (weigh(false), weigh(true));
         let options = Options {

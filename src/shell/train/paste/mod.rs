@@ -58,15 +58,12 @@ pub fn runs(frames: &[Frame], boxes: &[Vec<TruthBox>]) -> Vec<Run> {
         let ended = object.is_none();
         run.extend(object);
         if run.len() == MOST.0 || ended {
-            if run.len() >= FEWEST {
-                runs.push(core::mem::take(&mut run));
-            }
-            run.clear();
-        }
-        if runs.len() == MOST.1 {
-            break;
+            runs.push(core::mem::take(&mut run));
         }
     }
+    runs.push(run);
+    runs.retain(|run| run.len() >= FEWEST);
+    runs.truncate(MOST.1);
     runs
 }
 
@@ -96,7 +93,7 @@ impl<'a> Pasted<'a> {
             course: Course::draw(random),
             phase: random.below(run.len()),
             mirrored: random.below(2) == 0,
-            stretch: (0.3 * random.symmetric()).exp(),
+            stretch: (0.6 * random.symmetric()).exp(),
             exposure: 0.35 + 0.15 * random.symmetric(),
             tone: (0.8 + 0.3 * random.symmetric(), 30.0 * random.symmetric(), random.below(7) == 0),
             noise: 2.0 + random.symmetric(),
