@@ -38,7 +38,7 @@ impl Surroundings {
         };
         // The pixels of a line of `length` on both sides of a sample, and the weight of the second one in sixteenths.
         let sides = |at: i64, length: usize| {
-            let pixel = |at: i64| at.clamp(0, length as i64 - 1) as usize;
+            let pixel = |at: i64| at.min(length as i64 - 1).max(0) as usize;
             (pixel(at >> 4), pixel((at >> 4) + 1), (at & 15) as u32)
         };
         let mut columns = [[(0, 0, 0); MOST_SAMPLES as usize]; SIDE];
@@ -47,14 +47,14 @@ impl Surroundings {
                 *column = sides(place(centre.0, i, a), frame.width());
             }
         }
-        let samples_across = samples as usize;
+        let (area, samples_across) = (256 * (samples * samples) as u32, samples as usize);
         for (j, row) in self.pixels[..SIDE * SIDE].chunks_exact_mut(SIDE).enumerate() {
             let mut sums = [0u32; SIDE];
             for b in 0..samples {
                 let (upper, lower, down) = sides(place(centre.1, j, b), frame.height());
                 let (upper, lower) = (frame.row(upper), frame.row(lower));
                 for (sum, columns) in sums.iter_mut().zip(&columns) {
-                    for &(left, next, right) in &columns[..samples_across] {
+                    for &(left, next, right) in columns.iter().take(samples_across) {
                         let across = |row: &[u8]| {
                             u32::from(row[left]) * (16 - right) + u32::from(row[next]) * right
                         };
@@ -63,7 +63,7 @@ impl Surroundings {
                 }
             }
             for (out, sum) in row.iter_mut().zip(sums) {
-                *out = (sum / (256 * (samples * samples) as u32)) as u8;
+                *out = (sum / area) as u8;
             }
         }
         let (mut above, mut rest) = self.pixels.split_at_mut(SIDE * SIDE);
