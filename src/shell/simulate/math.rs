@@ -6,7 +6,7 @@ pub(in crate::shell) type Vector = [f64; 3];
 const FRAC_PI_2: f64 = core::f64::consts::FRAC_PI_2;
 
 /// Sine and cosine of an angle of some turns at most, radians; within 1e-13.
-pub(in crate::shell) fn sin_cos(angle: f64) -> (f64, f64) {
+pub(super) fn sin_cos(angle: f64) -> (f64, f64) {
     let quarter = angle / FRAC_PI_2;
     let quarter = (if quarter < 0.0 { quarter - 0.5 } else { quarter + 0.5 }) as i64;
     let x = angle - quarter as f64 * FRAC_PI_2;
@@ -58,12 +58,12 @@ pub(in crate::shell) fn atan2(y: f64, x: f64) -> f64 {
 }
 
 /// Sum of products.
-pub(in crate::shell) fn dot(a: Vector, b: Vector) -> f64 {
+pub(super) fn dot(a: Vector, b: Vector) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// `a + b * scale`.
-pub(in crate::shell) fn add(a: Vector, b: Vector, scale: f64) -> Vector {
+pub(super) fn add(a: Vector, b: Vector, scale: f64) -> Vector {
     [a[0] + b[0] * scale, a[1] + b[1] * scale, a[2] + b[2] * scale]
 }
 
@@ -105,17 +105,17 @@ impl Rotation {
 
 /// A random sequence (splitmix64).
 #[derive(Debug, Clone)]
-pub(in crate::shell) struct Random(u64);
+pub(super) struct Random(u64);
 
 impl Random {
     /// The sequence number `stream` of `seed`.
-    pub(in crate::shell) fn new(seed: u64, stream: u64) -> Self {
+    pub(super) fn new(seed: u64, stream: u64) -> Self {
         let mut mixed = Self(seed);
         Self(mixed.next() ^ stream.wrapping_mul(0xd134_2543_de82_ef95))
     }
 
     /// The next 64 bits.
-    pub(in crate::shell) fn next(&mut self) -> u64 {
+    pub(super) fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut bits = self.0;
         bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -124,12 +124,12 @@ impl Random {
     }
 
     /// Evenly from `low` to `high`.
-    pub(in crate::shell) fn within(&mut self, low: f64, high: f64) -> f64 {
+    pub(super) fn within(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * ((self.next() >> 11) as f64 / (1u64 << 53) as f64)
     }
 
     /// True with this probability.
-    pub(in crate::shell) fn chance(&mut self, probability: f64) -> bool {
+    pub(super) fn chance(&mut self, probability: f64) -> bool {
         self.within(0.0, 1.0) < probability
     }
 }

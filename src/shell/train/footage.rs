@@ -12,7 +12,7 @@ use crate::shell::clips::{self, TruthBox};
 use crate::shell::error::Error;
 use crate::shell::parallel;
 use crate::shell::pipeline::Memory;
-use crate::shell::scaled::{FrameSize, Scaling};
+use crate::shell::scaled::Scaling;
 use crate::shell::source::{self, Frame};
 use std::string::ToString;
 use std::vec::Vec;
@@ -38,7 +38,7 @@ pub struct Footage {
     frames: Vec<Frame>,
     /// The boxes of each frame, in its pixels.
     boxes: Vec<Vec<TruthBox>>,
-    /// How its camera was turned, where that is known.
+    /// How its camera was turned, where that is known and objects are to be pasted in.
     turning: Option<Turning>,
 }
 
@@ -56,7 +56,7 @@ pub enum Depth {
 /// # Errors
 /// [`Error`] of the first clip that cannot be read.
 pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Error> {
-    let &TrainArgs { samples, hold_back, frame, paste, seed, .. } = args;
+    let &TrainArgs { samples, hold_back, paste, seed, .. } = args;
     let mut footage: Vec<Footage> = Vec::new();
     for folder in &args.data {
         let clips = clips::clips(folder)?;
@@ -66,7 +66,7 @@ pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Er
         let numbered: Vec<_> = clips.into_iter().enumerate().collect();
         let loaded = parallel::map(numbered, |(place, clip)| {
             let held_back = is_held_back(place, hold_back);
-            let footage = read(clip, every, frame, before + place, held_back);
+            let footage = read(clip, every, args, before + place, held_back);
             tick();
             footage
         });
@@ -113,7 +113,7 @@ pub fn is_held_back(place: usize, hold_back: usize) -> bool {
 fn read(
     clip: clips::Clip,
     every: usize,
-    size: Option<FrameSize>,
+    args: &TrainArgs,
     number: usize,
     held_back: bool,
 ) -> Result<Footage, Error> {
@@ -127,7 +127,7 @@ fn read(
         boxes: Vec::new(),
         turning: None,
     };
-    let mut scaling = Scaling::new(size, 0, 0);
+    let mut scaling = Scaling::new(args.frame, 0, 0);
     let mut frame = Frame::default();
     // Clips start at different phases, so that a folder of short clips is sampled evenly too.
     let first = HISTORY + number % every;
@@ -136,7 +136,7 @@ fn read(
         let next =
             if index <= first { first } else { first + (index - first).div_ceil(every) * every };
         let needed = next - index <= HISTORY;
-        scaling = Scaling::new(size, frame.width, frame.height);
+        scaling = Scaling::new(args.frame, frame.width, frame.height);
         let mut seen = Frame::default();
         if needed {
             scaling.apply(&frame, &mut seen);
@@ -148,7 +148,9 @@ fn read(
             footage.samples.push(index + 1);
         }
     }
-    footage.turning = Turning::of(&clip.directory, scaling.seen())?;
+    if args.paste > 0 {
+        footage.turning = Turning::of(&clip.directory, scaling.seen())?;
+    }
     Ok(footage)
 }
 

@@ -69,14 +69,12 @@ impl<'a> Trainer<'a> {
 
     /// What was learned from.
     pub fn summary(&self) -> Summary {
-        let samples = |held_back| {
-            let own = self.footage.iter().filter(|f| !f.pasted);
-            let clips = own.filter(|f| f.held_back == held_back);
-            clips.map(|f| f.samples.len()).sum()
-        };
+        let own = || self.footage.iter().filter(|f| !f.pasted);
+        let samples =
+            |held_back| own().filter(|f| f.held_back == held_back).map(|f| f.samples.len()).sum();
         Summary {
-            clips: self.footage.iter().filter(|f| !f.pasted).count(),
-            pasted_clips: self.footage.iter().filter(|f| f.pasted).count(),
+            clips: own().count(),
+            pasted_clips: self.footage.len() - own().count(),
             samples: samples(false),
             held_back_clips: self.footage.iter().filter(|f| f.held_back).count(),
             held_back_samples: samples(true),

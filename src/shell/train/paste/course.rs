@@ -20,12 +20,13 @@ pub struct Course {
     sway: [[f64; 3]; 2],
     /// Length at the time 0, pixels.
     length: f64,
-    /// Share by which its nearness grows or falls in a second, of that at the time 0.
+    /// How its distance changes.
     approach: Approach,
 }
 
 #[derive(Debug, Clone, Copy)]
 enum Approach {
+    /// It stays as far.
     None,
     /// Contact after so many seconds.
     Contact(f64),
@@ -57,6 +58,7 @@ impl Course {
         };
         let length = ratio(random, lengths);
         let mut rates = speeds.map(|speed| speed * DEGREE * random.symmetric());
+        // Who crosses fast keeps the speed: only the side is drawn.
         if speeds[0] > 3.0 {
             rates[0] = speeds[0] * DEGREE * [-1.0, 1.0][random.below(2)];
         }

@@ -37,6 +37,9 @@ const FEWEST: usize = 8;
 const MOST_STEPS: f64 = 12.0;
 const MOST_PARTS: f64 = 5.0;
 
+/// Pixels of a cut-out around its solid part that are drawn too.
+const HALO: f64 = 8.0;
+
 /// Most times that an object is enlarged.
 const LARGEST: f64 = 1.6;
 
@@ -113,7 +116,7 @@ impl<'a> Pasted<'a> {
         let [x, y] = turning.place(index + 1, self.course.bearing(time))?;
         let [_, _, width, height] = self.cutout(index).bounds;
         let (width, length) = (width * self.stretch, self.course.length(time));
-        let scale = length / (width).max(height);
+        let scale = length / width.max(height);
         let (width, height) = (width * scale, height * scale);
         (length > 0.0).then_some([x - width / 2.0, y - height / 2.0, width, height])
     }
@@ -233,9 +236,8 @@ fn render(
     let steps = [width / rect[2], height / rect[3]];
     let parts = steps[0].max(steps[1]).ceil().clamp(1.0, MOST_PARTS);
     let times = blur[0].hypot(blur[1]).ceil().clamp(1.0, MOST_STEPS);
-    let margin = 8.0;
     let span = |i: usize, end: usize| {
-        let reach = margin / steps[i] + blur[i].abs() / 2.0 + 1.0;
+        let reach = HALO / steps[i] + blur[i].abs() / 2.0 + 1.0;
         let first = (rect[i] - reach).floor().clamp(0.0, end as f64);
         let last = (rect[i] + rect[i + 2] + reach).ceil().clamp(0.0, end as f64);
         first as usize..last as usize
