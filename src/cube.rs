@@ -58,6 +58,11 @@ impl Patch {
         self.sum_up(&newest.square(cell.0, cell.1), part);
     }
 
+    /// Fills it with the cells of a window; those of the last row and column are beyond it.
+    pub fn fill(&mut self, cells: &Square<CORNERS>) {
+        self.sum_up(cells, (0, 0));
+    }
+
     /// Sums up the window that begins `part` (quarters of a cell) right of and below the first corner of `cells`.
     fn sum_up(&mut self, cells: &Square<CORNERS>, (fx, fy): (u32, u32)) {
         let unit = SUBCELL as u32;

@@ -56,6 +56,8 @@ pub struct Config {
     pub alignment: Alignment,
     /// Follow detections through the slices by Algorithm 1, for their shifts.
     pub trace: bool,
+    /// Fit the boxes of the surest detections by windows that are stretched to them, where the model can.
+    pub fit: bool,
     /// Weigh detections by what was there a frame ago.
     pub persistence: bool,
     /// Judge candidates by their st-cube; without it the scan's own score stands.
@@ -79,6 +81,7 @@ impl Config {
             temporal: true,
             alignment: Alignment::Background,
             trace: true,
+            fit: true,
             stcube: true,
             persistence: true,
         }
@@ -94,6 +97,7 @@ impl Config {
             candidates: if full { 48 } else { 20 },
             // Where older slices are not kept there is nothing to follow an object through.
             trace: full,
+            fit: full,
             registration: method.registration,
             temporal: method.temporal,
             alignment: method.alignment,
@@ -300,6 +304,7 @@ impl<'m, 'b> Detector<'m, 'b> {
             model,
             alignment: config.alignment,
             trace: config.trace,
+            fit: model.fit().filter(|_| config.fit),
             stcube: config.stcube,
             front,
             pyramid,

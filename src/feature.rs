@@ -196,6 +196,11 @@ impl<'m> Features<'m> {
         )
     }
 
+    /// Whether all are features of the newest slice.
+    pub fn of_newest_only(&self) -> bool {
+        self.encoded.iter().filter_map(Feature::decode).all(|f| f.t == (0, 1))
+    }
+
     /// Whether all are features of a single patch: slice 0, channels 0..8, no scalars.
     pub fn of_patch_only(&self) -> bool {
         self.encoded

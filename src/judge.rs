@@ -2,6 +2,7 @@
 
 use crate::cube::{Cube, SCALARS, SLICES, WINDOW};
 use crate::detection::{Detection, SHIFTS, Shift};
+use crate::fit::Fit;
 use crate::fixed::exp2_q16;
 use crate::front::FrontEnd;
 use crate::gradient::CELL;
@@ -50,6 +51,8 @@ pub struct Judge<'a> {
     pub alignment: Alignment,
     /// Whether Algorithm 1 follows a detection through the slices where the cube's own slices do not.
     pub trace: bool,
+    /// What fits boxes to objects, where boxes are to be fitted.
+    pub fit: Option<&'a Fit<'a>>,
     /// Whether the cube gives the score; otherwise the scan's own stands.
     pub stcube: bool,
     /// The front end after the newest frame.
@@ -70,7 +73,8 @@ impl Judge<'_> {
     }
 
     /// Looks again where the box is, on the level that suits its size, then around that place: boxes are most exact for
-    /// centred targets, and the mean of several looks is surer than any of them. Score and box become the means.
+    /// centred targets, and the mean of several looks is surer than any of them. Score and box become the means; the
+    /// box is then fitted.
     #[inline(never)]
     pub fn refine(&self, judged: &mut Judged, cube: &mut Cube) {
         let Judged { candidate, detection } = *judged;
@@ -96,6 +100,7 @@ impl Judge<'_> {
         let [x, y, width, height] =
             sums.map(|sum| I28F4::from_bits(sum.div_euclid(i64::from(looks.max(1))) as i32));
         let rect = Rect { x: x - width / 2, y: y - height / 2, width, height };
+        let rect = self.fit.map_or(rect, |fit| fit.fit(rect, &self.pyramid, cube));
         let score = score.div_euclid(i64::from(looks) + 1) as i32;
         judged.detection = Detection { rect, score, ..centred };
         if self.trace && self.alignment != Alignment::Regressors {

@@ -54,6 +54,7 @@
 //! | 6 | [`window_flow`] | the slices of a cube along the optical flow of its window, to compare Algorithm 1 with |
 //! | 6 | [`model`] | the model file, checked once and read where it lies |
 //! | 5 | [`scan`] | a soft cascade over every window of every level: the candidates |
+//! | 5 | [`fit`] | the box of an object, from windows that are stretched to it |
 //! | 5 | [`motion`] | Algorithm 1: the object stays in the middle of every slice of its cube |
 //! | 5 | [`watch`] | detections in, traffic out: tracks and their threat, the camera's own turning removed |
 //! | 4 | [`threat`] | time to contact, constant bearing, range, alert levels |
@@ -104,6 +105,7 @@ pub mod detection;
 pub mod detector;
 pub mod digest;
 pub mod feature;
+pub mod fit;
 pub mod fixed;
 pub mod flow;
 pub mod front;

@@ -2,12 +2,13 @@
 //!
 //! Little-endian. `LOOKOUT\0`, format version (`u16`), two bytes of 0, length of the file (`u32`), CRC-32 of all that
 //! follows (ISO-HDLC, `u32`), the geometry that the trees were trained on (8 bytes), the lengths of the sections
-//! (`u32` each), the sections. What the reader was not built for is refused, never guessed. Version 1 had no
-//! [`Section::Calibration`]: it is read as an empty one.
+//! (`u32` each), the sections. What the reader was not built for is refused, never guessed. Version 1 ended before
+//! [`Section::Calibration`], version 2 before [`Section::FitFeatures`]: what is missing is read as empty.
 
 use crate::calibration::Calibration;
 use crate::cube::{SLICES, WINDOW};
 use crate::feature::Features;
+use crate::fit::Fit;
 use crate::gradient::{CELL, ORIENTATIONS};
 use crate::history::History;
 use crate::map::MAP_CHANNELS;
@@ -19,7 +20,7 @@ use crate::trees::{Forest, ForestError};
 pub const MAGIC: [u8; 8] = *b"LOOKOUT\0";
 
 /// Format version that is written. All from 1 to this one are read.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 
 /// Sections in the order of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,11 +49,21 @@ pub enum Section {
     BoxHeight,
     /// What a score is worth; may be empty.
     Calibration,
+    /// Features of a window that is stretched to a box, for the trees below.
+    FitFeatures,
+    /// Centre of the object in it, horizontally.
+    FitX,
+    /// Centre of the object in it, vertically.
+    FitY,
+    /// Width of the object in it.
+    FitWidth,
+    /// Height of the object in it.
+    FitHeight,
 }
 
 impl Section {
     /// All sections in the order of the file.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 17] = [
         Self::Provenance,
         Self::Scan,
         Self::PatchFeatures,
@@ -65,11 +76,24 @@ impl Section {
         Self::BoxWidth,
         Self::BoxHeight,
         Self::Calibration,
+        Self::FitFeatures,
+        Self::FitX,
+        Self::FitY,
+        Self::FitWidth,
+        Self::FitHeight,
     ];
+
+    /// What fits boxes: all of them are there, or all are empty.
+    const FIT: [Self; 5] =
+        [Self::FitFeatures, Self::FitX, Self::FitY, Self::FitWidth, Self::FitHeight];
 
     /// Sections in a file of a version.
     const fn count(version: u16) -> usize {
-        if version == 1 { Self::ALL.len() - 1 } else { Self::ALL.len() }
+        match version {
+            1 => Self::Calibration as usize,
+            2 => Self::FitFeatures as usize,
+            _ => Self::ALL.len(),
+        }
     }
 
     const fn name(self) -> &'static str {
@@ -86,6 +110,11 @@ impl Section {
             Self::BoxWidth => "box width regressor",
             Self::BoxHeight => "box height regressor",
             Self::Calibration => "precisions",
+            Self::FitFeatures => "fit features",
+            Self::FitX => "fit x regressor",
+            Self::FitY => "fit y regressor",
+            Self::FitWidth => "fit width regressor",
+            Self::FitHeight => "fit height regressor",
         }
     }
 }
@@ -232,6 +261,7 @@ pub struct Model<'m> {
     cube: Forest<'m>,
     boxes: [Forest<'m>; 4],
     calibration: Calibration<'m>,
+    fit: Option<Fit<'m>>,
 }
 
 /// CRC-32 of a model's bytes behind its checksum.
@@ -316,7 +346,34 @@ impl<'m> Model<'m> {
         let cube = forest(Section::Cube, count)?;
         let calibration = Calibration::parse(section(Section::Calibration))
             .ok_or(ModelError::Content { section: Section::Calibration })?;
-        Ok(Self { bytes, method, provenance, scan, regressors, features, cube, boxes, calibration })
+        // Older models and those for small boards have none of these.
+        let fit = if Section::FIT.iter().all(|&of| section(of).is_empty()) {
+            None
+        } else {
+            let features =
+                Features::parse(section(Section::FitFeatures)).filter(Features::of_newest_only);
+            let features = features.ok_or(ModelError::Content { section: Section::FitFeatures })?;
+            let count = features.len();
+            let sides = [
+                forest(Section::FitX, count)?,
+                forest(Section::FitY, count)?,
+                forest(Section::FitWidth, count)?,
+                forest(Section::FitHeight, count)?,
+            ];
+            Some(Fit { features, sides })
+        };
+        Ok(Self {
+            bytes,
+            method,
+            provenance,
+            scan,
+            regressors,
+            features,
+            cube,
+            boxes,
+            calibration,
+            fit,
+        })
     }
 
     /// The parts of the method that it was trained with.
@@ -374,5 +431,10 @@ impl<'m> Model<'m> {
     /// What a score is worth; without knots where that was not measured.
     pub fn calibration(&self) -> &Calibration<'m> {
         &self.calibration
+    }
+
+    /// Regressors of the box from windows that are stretched to it, if there are any.
+    pub fn fit(&self) -> Option<&Fit<'m>> {
+        self.fit.as_ref()
     }
 }

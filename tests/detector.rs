@@ -181,7 +181,7 @@ proptest! {
         scales_per_octave in prop_oneof![0..6usize, Just(usize::MAX)],
         candidates in prop_oneof![0..64usize, Just(usize::MAX)],
         threshold in prop_oneof![Just(i32::MIN), any::<i32>(), Just(i32::MAX)],
-        [registration, temporal, trace, stcube, persistence, keen, parallel] in any::<[bool; 7]>(),
+        [registration, temporal, trace, fit, stcube, persistence, keen, parallel] in any::<[bool; 8]>(),
         history in prop_oneof![Just(History::Full), Just(History::Half)],
         alignment in prop_oneof![Just(Alignment::Background), Just(Alignment::Regressors), Just(Alignment::Flow)],
         kinds in any::<[u8; 4]>(),
@@ -189,7 +189,7 @@ proptest! {
     ) {
         let config = Config {
             width, height, min_target, max_target, threshold, scales_per_octave, candidates,
-            history, parallel, registration, temporal, alignment, trace, stcube, persistence,
+            history, parallel, registration, temporal, alignment, trace, fit, stcube, persistence,
         };
         let file = if keen { keen_model() } else { model() };
         let parsed = Model::parse(&file).unwrap();

@@ -36,6 +36,7 @@ fn every_part_has_a_say_in_the_digest() {
         Config { temporal: false, ..CONFIG },
         Config { alignment: Alignment::Background, ..CONFIG },
         Config { stcube: false, ..CONFIG },
+        Config { fit: false, ..CONFIG },
     ] {
         assert_ne!(common::watch(MODEL, other, 0, FRAMES), runs, "{other:?}");
     }

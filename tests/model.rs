@@ -101,9 +101,11 @@ proptest! {
         section in prop::sample::select(vec![
             Section::Scan, Section::Horizontal, Section::Vertical, Section::Cube,
             Section::BoxX, Section::BoxY, Section::BoxWidth, Section::BoxHeight,
+            Section::FitX, Section::FitY, Section::FitWidth, Section::FitHeight,
         ]),
         other in prop::sample::select(vec![
             Section::Horizontal, Section::Vertical, Section::BoxX, Section::BoxY, Section::BoxWidth,
+            Section::FitX, Section::FitHeight,
         ]),
         bias in prop_oneof![Just(i32::MAX - 0x8000), Just(i32::MIN + 0x8000), any::<i16>().prop_map(|b| i32::from(b) << 15)],
     ) {
@@ -159,7 +161,7 @@ fn each_refusal_says_why() {
 
     let (error, text) = refusal(|bytes| bytes[8] += 1);
     assert_eq!(error, ModelError::Version { found: VERSION + 1 });
-    assert!(text.contains("model format 3") && text.contains("reads formats 1 to 2"), "{text}");
+    assert!(text.contains("model format 4") && text.contains("reads formats 1 to 3"), "{text}");
 
     let (error, text) = refusal(|bytes| bytes.push(0));
     let length = model().len();
@@ -222,6 +224,10 @@ fn features_out_of_range_are_refused() {
         (Section::BoxY, 40),
         (Section::BoxWidth, 40),
         (Section::BoxHeight, 40),
+        (Section::FitX, 30),
+        (Section::FitY, 30),
+        (Section::FitWidth, 30),
+        (Section::FitHeight, 30),
     ];
     for (section, features) in forests {
         content(section, &forest(features + 1, 0, &[]));
@@ -235,7 +241,11 @@ fn features_out_of_range_are_refused() {
         bad[place] = value;
         content(Section::CubeFeatures, &bad);
         content(Section::PatchFeatures, &bad);
+        content(Section::FitFeatures, &bad);
     }
+    // Of older slices, which a stretched window does not have.
+    content(Section::FitFeatures, &[1, 6, 0, 10, 0, 10, 0, 2]);
+    content(Section::FitFeatures, &[1, 6, 0, 10, 0, 10, 1, 2]);
     content(Section::CubeFeatures, &[1, 8, 0, 10, 0, 10, 0, 2]);
     content(Section::CubeFeatures, &good[..7]);
     // Features of a cube, not of a single patch.
@@ -263,18 +273,39 @@ fn a_model_is_what_was_written() {
 }
 
 #[test]
-fn version_1_is_read_and_knows_no_precisions() {
-    let (sections, mut bytes) = (sections(), model());
-    // Without the last section and its length.
-    bytes.truncate(bytes.len() - sections[Section::Calibration as usize].len());
-    bytes.drain(HEADER - 4..HEADER);
-    bytes[8] = 1;
-    repair(&mut bytes);
-    let model = Model::parse(&bytes).unwrap();
-    for section in Section::ALL {
-        let old = section != Section::Calibration;
-        assert_eq!(model.section(section), if old { &sections[section as usize][..] } else { &[] });
+fn older_versions_are_read_without_what_they_do_not_know() {
+    let sections = sections();
+    for (version, first_missing) in [(1, Section::Calibration), (2, Section::FitFeatures)] {
+        let known = first_missing as usize;
+        let mut bytes = model();
+        let missing = &sections[known..];
+        bytes.truncate(bytes.len() - missing.iter().map(Vec::len).sum::<usize>());
+        bytes.drain(HEADER - 4 * missing.len()..HEADER);
+        bytes[8] = version;
+        repair(&mut bytes);
+        let model = Model::parse(&bytes).unwrap();
+        for (i, section) in Section::ALL.into_iter().enumerate() {
+            assert_eq!(model.section(section), if i < known { &sections[i][..] } else { &[] });
+        }
+        assert_eq!(model.calibration().threshold(0).is_some(), version == 2);
+        assert!(model.fit().is_none());
+        run(&model);
     }
-    assert_eq!(model.calibration().threshold(0), None);
+}
+
+#[test]
+fn a_model_may_do_without_fits_but_not_without_a_part_of_them() {
+    let fits =
+        [Section::FitFeatures, Section::FitX, Section::FitY, Section::FitWidth, Section::FitHeight];
+    let mut without = sections();
+    fits.iter().for_each(|&section| without[section as usize].clear());
+    let bytes = assemble(&without);
+    let model = Model::parse(&bytes).unwrap();
+    assert!(model.fit().is_none());
     run(&model);
+    for section in fits {
+        let mut sections = sections();
+        sections[section as usize].clear();
+        assert!(Model::parse(&assemble(&sections)).is_err(), "{section:?}");
+    }
 }

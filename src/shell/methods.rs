@@ -81,6 +81,8 @@ pub struct Recipe {
     pub map_channels: usize,
     /// What features of cubes, for the classifier and the box, may see.
     pub sees: Sees,
+    /// Whether boxes are fitted by windows that are stretched to them: no part of the paper or of what it compares.
+    pub fit: bool,
 }
 
 /// Orientations of the map: a HoG, each cell against its surroundings.
@@ -103,12 +105,14 @@ const OURS: Recipe = Recipe {
     windows: Learner::Boosting,
     map_channels: MAP_CHANNELS,
     sees: Sees::Cube,
+    fit: true,
 };
 
 /// St-cubes of frames as they are, each frame for itself.
 const PURE: Recipe = Recipe {
     method: Method { registration: false, temporal: false, persistence: false, ..OURS.method },
     map_channels: APPEARANCE,
+    fit: false,
     ..OURS
 };
 

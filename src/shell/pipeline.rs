@@ -70,6 +70,9 @@ pub struct DetectorArgs {
     /// Ablation: do not follow detections through the slices by Algorithm 1
     #[arg(long)]
     pub no_trace: bool,
+    /// Ablation: do not fit boxes by windows that are stretched to them
+    #[arg(long)]
+    pub no_fit: bool,
 }
 
 impl DetectorArgs {
@@ -97,6 +100,7 @@ impl DetectorArgs {
         let mut config = Config::of_method(width, height, self.ablation.of(model.method()));
         config.threshold = self.least_score(model)?.unwrap_or(config.threshold);
         config.trace &= !self.no_trace;
+        config.fit &= !self.no_fit;
         Ok(config)
     }
 }
@@ -361,6 +365,7 @@ mod tests {
                 no_persistence: true,
             },
             no_trace: true,
+            no_fit: true,
             ..Default::default()
         };
         let none = Config {
@@ -368,6 +373,7 @@ mod tests {
             registration: false,
             temporal: false,
             trace: false,
+            fit: false,
             stcube: false,
             persistence: false,
             ..all

@@ -174,6 +174,16 @@ pub fn sections() -> Sections {
     let knots: [(i32, u32); 3] = [(-1 << 16, 1 << 15), (0, 58_982), (3 << 16, 1 << 16)];
     let knot = |(score, precision)| Knot { score, precision }.encode();
     put(Section::Calibration, knots.map(knot).concat());
+    // Columns and rows of a stretched window, in channels of every kind.
+    let strip = |i: u8| {
+        let (x, y) =
+            if i % 2 == 0 { ([i % 9, i % 9 + 2], [0, 10]) } else { ([0, 10], [i % 9, i % 9 + 2]) };
+        [i % 4, i % 14, x[0], x[1].min(10), y[0], y[1].min(10), 0, 1]
+    };
+    put(Section::FitFeatures, (0..30).flat_map(strip).collect());
+    for section in [Section::FitX, Section::FitY, Section::FitWidth, Section::FitHeight] {
+        put(section, forest(30, 3, &numbers.trees(4, 3, 30, 900, 40)));
+    }
     sections
 }
 

@@ -126,6 +126,7 @@ pub fn cubes(
         model,
         alignment: config.alignment,
         trace: false,
+        fit: None,
         stcube: config.stcube,
         front: view.front,
         pyramid: *pyramid,

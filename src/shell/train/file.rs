@@ -24,6 +24,11 @@ impl Parts {
             Section::PatchFeatures,
             Section::CubeFeatures,
             Section::Calibration,
+            Section::FitFeatures,
+            Section::FitX,
+            Section::FitY,
+            Section::FitWidth,
+            Section::FitHeight,
         ];
         let empty = |s| if no_forests.contains(&s) { Vec::new() } else { NO_TREES.to_vec() };
         Self { method, sections: Section::ALL.map(empty) }
@@ -43,7 +48,8 @@ impl Parts {
 
     /// Whether a forest has trees.
     pub fn has_trees(&self, section: Section) -> bool {
-        self.sections[section as usize] != NO_TREES
+        let bytes = &self.sections[section as usize];
+        !bytes.is_empty() && *bytes != NO_TREES
     }
 
     /// Puts in where the model comes from (JSON).

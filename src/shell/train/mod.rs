@@ -8,6 +8,7 @@ pub mod boost;
 mod calibrate;
 mod cubes;
 mod file;
+mod fits;
 mod footage;
 mod labels;
 mod look;
@@ -171,7 +172,8 @@ impl TrainArgs {
         let method = Method { alignment, scales_per_octave, history, ..method };
         // Without older slices there is nothing to see in them.
         let sees = if history.slices() == 1 { Sees::Newest } else { recipe.sees };
-        Ok(Recipe { method, sees, ..recipe })
+        let fit = recipe.fit && history == History::Full;
+        Ok(Recipe { method, sees, fit, ..recipe })
     }
 
     /// What is there before the first stage.
@@ -229,7 +231,7 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
         (true, History::Half) => &[Section::Scan, Section::Cube],
         (false, _) => &[Section::Scan, Section::BoxX],
     };
-    for &stage in stages {
+    for &stage in stages.iter().chain(recipe.fit.then_some(&Section::FitX)) {
         if parts.has_trees(stage) {
             report.note(&std::format!("{stage:?}: there already"))?;
             continue;
@@ -237,6 +239,7 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
         match stage {
             Section::Scan => trainer.scan(&mut parts, &mut report)?,
             Section::Horizontal => trainer.regressors(&mut parts, &mut report)?,
+            Section::FitX => trainer.fits(&mut parts, &mut report)?,
             _ => trainer.cubes(&mut parts, &mut report)?,
         }
         if super::interrupt::requested() {

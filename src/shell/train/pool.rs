@@ -4,6 +4,7 @@ use super::random::Random;
 use crate::channels::{MAGNITUDE, TEMPORAL};
 use crate::cube::{SLICES, WINDOW};
 use crate::feature::{Denominator, Feature};
+use crate::fit::NEWEST_CHANNELS;
 use crate::gradient::ORIENTATIONS;
 use crate::motion::FIRST_SCALAR;
 use crate::shell::methods::Sees;
@@ -94,6 +95,33 @@ pub fn cube(count: usize, sees: Sees, temporal: bool, random: &mut Random) -> Ve
     features
 }
 
+/// Features of windows that are stretched to a box ([`crate::fit`]), one slice; without `temporal` none looks at temporal
+/// differences.
+pub fn stretched(count: usize, temporal: bool, random: &mut Random) -> Vec<Feature> {
+    // Of the newest frame's channels the first and the last are not differences.
+    let still = [8, 8 + NEWEST_CHANNELS - 1];
+    let mut features = distinct(count, || {
+        let (x, y) = (range(random), range(random));
+        let orientation = random.below(ORIENTATIONS);
+        let newest = match temporal {
+            true => 8 + random.below(NEWEST_CHANNELS),
+            false => still[random.below(2)],
+        };
+        let (denominator, channel) = match random.below(20) {
+            0..4 => (Denominator::SameBox, orientation),
+            4..7 => (Denominator::Window, orientation),
+            7..9 => (Denominator::Window, MAGNITUDE),
+            9..11 => (Denominator::SameChannel, MAGNITUDE),
+            11..17 => (Denominator::SameChannel, newest),
+            17 => (Denominator::Cells, MAGNITUDE),
+            _ => (Denominator::Cells, if newest == 8 { still[1] } else { newest }),
+        };
+        Feature { denominator, channel: channel as u8, x, y, t: (0, 1) }
+    });
+    features.push(Feature::scalar(0));
+    features
+}
+
 /// A 3-D HoG: the energy of each orientation, and with `temporal` that of the change, in every cell of a grid over
 /// window and slices, against the window's energy in the same slices; the cells of one slice and of all of them.
 fn grid(temporal: bool) -> Vec<Feature> {
@@ -146,6 +174,19 @@ mod tests {
                 let valid = |f: &Feature| Feature::decode(&f.encode()) == Some(*f);
                 assert!(features.iter().all(valid), "{sees:?}");
             }
+        }
+    }
+
+    #[test]
+    fn stretched_windows_are_of_one_slice() {
+        for temporal in [false, true] {
+            let features = stretched(900, temporal, &mut Random::new(3));
+            assert!(!features.iter().any(looks_back));
+            let channels = |f: &Feature| f.denominator == Denominator::Scalar || f.channel < 14;
+            assert!(features.iter().all(channels));
+            let differs = |f: &Feature| f.channel == 7 || (9..13).contains(&f.channel);
+            assert_eq!(features.iter().any(differs), temporal);
+            assert!(features.iter().all(|f| Feature::decode(&f.encode()) == Some(*f)));
         }
     }
 
