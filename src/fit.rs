@@ -344,7 +344,7 @@ mod tests {
             let window = with_pyramid((width, height), seed, |pyramid| cut(pyramid, &given, &mut cube));
             let sides = [window.width, window.height].map(|v| v.to_bits());
             let longer = sides[0].max(sides[1]);
-            prop_assert!(sides.iter().all(|&v| v >= SHORTEST && v <= LONGEST && v >= longer / FLATTEST));
+            prop_assert!(sides.iter().all(|v| (SHORTEST..=LONGEST).contains(v) && *v >= longer / FLATTEST));
             prop_assert_eq!(bounded(&window), window);
         }
     }

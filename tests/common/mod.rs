@@ -176,8 +176,11 @@ pub fn sections() -> Sections {
     put(Section::Calibration, knots.map(knot).concat());
     // Columns and rows of a stretched window, in channels of every kind.
     let strip = |i: u8| {
-        let (x, y) =
-            if i % 2 == 0 { ([i % 9, i % 9 + 2], [0, 10]) } else { ([0, 10], [i % 9, i % 9 + 2]) };
+        let (x, y) = if i.is_multiple_of(2) {
+            ([i % 9, i % 9 + 2], [0, 10])
+        } else {
+            ([0, 10], [i % 9, i % 9 + 2])
+        };
         [i % 4, i % 14, x[0], x[1].min(10), y[0], y[1].min(10), 0, 1]
     };
     put(Section::FitFeatures, (0..30).flat_map(strip).collect());
