@@ -33,18 +33,19 @@ pub struct Settings {
     /// The same for caution, in seconds, `warning_time` to 60. Default 16.
     pub caution_time: Real,
     /// Distance at the closest approach below which an object is on a collision course, in metres for an object of the
-    /// assumed wingspan, 0 to 1000. Default 2, two wingspans; `airborne/train` warns alike from 2 to 12.
-    /// What passes by farther off is a caution.
+    /// assumed wingspan, 0 to 1000. Default 1, the assumed wingspan: there two such wings touch. `airborne/train` warns alike
+    /// from 1 to 2 (once more than at 0.5); an object that turns as it crosses grows as if it came near, and is less often
+    /// taken for one that does. What passes by farther off is a caution.
     pub warning_distance: Real,
     /// The same for caution, in metres. Default 8.
     pub caution_distance: Real,
     /// How many times its error the growth must be for a time to contact to be known, 1 to 10. Default 1.5.
     pub known: Real,
     /// The same for a warning. Default 2: at 1.75 one of 50 flights without a collision is warned of, at 2.25
-    /// three of 14 collisions are warned of too late (`airborne/train`).
+    /// two of 12 warnings come too late (`airborne/train`, with a persistence of 0.5 s).
     pub sure: Real,
-    /// How long a level's conditions must hold before it is raised, in microseconds, 0 to 10 s. Default 0.5 s: at
-    /// 0.3 s one of 50 flights without a collision is warned of (`airborne/train`).
+    /// How long a level's conditions must hold before it is raised, in microseconds, 0 to 10 s. Default 0.7 s: at
+    /// 0.6 s one of 50 flights without a collision is warned of, at 1 s four of 13 warnings come too late (`airborne/train`).
     pub persistence_us: i64,
     /// How long they must not hold before it is lowered, in microseconds, 0 to 60 s. Default 2 s, as ArduPilot's
     /// avoidance (AP_Avoidance, `AVD_*`).
@@ -60,11 +61,11 @@ impl Default for Settings {
                 wingspan_sigma: ratio(7, 10),
                 warning_time: Real::lit("8"),
                 caution_time: Real::lit("16"),
-                warning_distance: Real::lit("2"),
+                warning_distance: Real::lit("1"),
                 caution_distance: Real::lit("8"),
                 known: Real::lit("1.5"),
                 sure: Real::lit("2"),
-                persistence_us: 500_000,
+                persistence_us: 700_000,
                 hold_us: 2_000_000,
             }
         }

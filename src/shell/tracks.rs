@@ -13,7 +13,7 @@ use crate::planar::Motion;
 use crate::traffic::{Level, Traffic};
 use crate::watch::{Settings, Watch};
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::string::{String, ToString};
 use std::vec::Vec;
@@ -52,7 +52,9 @@ struct TargetResult {
     switches: u64,
     /// Longest side while there was time to warn, in pixels.
     longest: f64,
+    /// Time to contact at the first warning, and where the recording ends, in seconds.
     warned: Option<f64>,
+    end: f64,
 }
 
 /// A track over a clip.
@@ -164,6 +166,7 @@ impl ClipResult {
             result.frames += 1;
         }
         let time = known.and_then(|known| known.time_to_contact);
+        result.end = time.unwrap_or(result.end);
         if time.is_some_and(|time| time >= MUST_WARN_TIME) {
             result.longest = result.longest.max(target.width.max(target.height));
         }
@@ -226,6 +229,27 @@ fn assign(boxes: &[TruthBox], traffic: &[&Traffic]) -> Vec<Option<usize>> {
     right
 }
 
+/// A target of a collision flight.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Collision {
+    /// The flight.
+    pub flight: String,
+    /// Longest side while there was time to warn, in pixels.
+    pub longest_px: f64,
+    /// Time to contact at the first warning, in seconds; none without one.
+    pub warned_s: Option<f64>,
+    /// Time to contact when the recording ends, in seconds: where it is more than there must be for a warning, one may have
+    /// come in time that is not seen.
+    pub end_s: f64,
+}
+
+impl Collision {
+    /// Whether there was a warning in time.
+    fn in_time(&self) -> bool {
+        self.warned_s.is_some_and(|time| time >= MUST_WARN_TIME)
+    }
+}
+
 /// The figures of all clips together.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Figures {
@@ -251,13 +275,16 @@ pub struct Figures {
     pub warned_in_time: u64,
     /// Median of the time to contact at the first warning, in seconds.
     pub warned_before_s: f64,
+    /// Flights with such a target.
+    pub flights_to_warn: u64,
+    /// Of these, flights that warned of one in time.
+    pub flights_warned_in_time: u64,
     /// Flights without a collision.
     pub others: u64,
     /// Flights that raised a warning without a collision course.
     pub false_warnings: u64,
-    /// The targets of collision flights: flight, longest side in pixels while there was time to warn, time to contact at
-    /// the warning in seconds.
-    pub collisions: Vec<(String, f64, Option<f64>)>,
+    /// The targets of collision flights.
+    pub collisions: Vec<Collision>,
     /// The flights of `false_warnings`.
     pub falsely_warned: Vec<String>,
 }
@@ -275,13 +302,23 @@ impl Figures {
         let known: Vec<(f64, f64, f64)> =
             times().filter_map(|(t, known)| known.map(|(v, s)| (*t, (v - t).abs(), s))).collect();
         let honest = known.iter().map(|(_, e, s)| (e / s.max(1e-3)).powi(2)).sum::<f64>();
-        let collisions: Vec<(String, f64, Option<f64>)> = clips
-            .iter()
-            .filter(|c| c.kind == "collision")
-            .flat_map(|c| c.targets.iter().map(|(_, t)| (c.name.clone(), t.longest, t.warned)))
-            .collect();
-        let must = || collisions.iter().filter(|(_, longest, _)| *longest > MUST_WARN_SIZE);
-        let warned: Vec<f64> = must().filter_map(|(_, _, time)| *time).collect();
+        let of_clip = |c: &'_ ClipResult| -> Vec<Collision> {
+            let of = |t: &TargetResult| Collision {
+                flight: c.name.clone(),
+                longest_px: t.longest,
+                warned_s: t.warned,
+                end_s: t.end,
+            };
+            c.targets.iter().map(|(_, target)| of(target)).collect()
+        };
+        let collisions: Vec<Collision> =
+            clips.iter().filter(|c| c.kind == "collision").flat_map(of_clip).collect();
+        let must = || collisions.iter().filter(|c| c.longest_px > MUST_WARN_SIZE);
+        let flights = |all: &mut dyn Iterator<Item = &Collision>| {
+            let names: BTreeSet<&str> = all.map(|c| c.flight.as_str()).collect();
+            names.len() as u64
+        };
+        let warned: Vec<f64> = must().filter_map(|c| c.warned_s).collect();
         let falsely: Vec<String> = clips
             .iter()
             .filter(|c| c.false_warning)
@@ -297,7 +334,9 @@ impl Figures {
             time_error_share: quantile(known.iter().map(|k| k.1 / k.0).collect(), 0.5),
             time_error_over_sigma: (honest / known.len().max(1) as f64).sqrt(),
             to_warn: must().count() as u64,
-            warned_in_time: warned.iter().filter(|t| **t >= MUST_WARN_TIME).count() as u64,
+            warned_in_time: must().filter(|c| c.in_time()).count() as u64,
+            flights_to_warn: flights(&mut must()),
+            flights_warned_in_time: flights(&mut must().filter(|c| c.in_time())),
             warned_before_s: quantile(warned, 0.5),
             others: clips.iter().filter(|c| c.kind != "collision").count() as u64,
             false_warnings: falsely.len() as u64,
@@ -331,19 +370,24 @@ impl fmt::Display for Figures {
         )?;
         writeln!(
             f,
-            "warned_2_s_before_contact: {} of {}, at {:.2} s (median)",
-            self.warned_in_time, self.to_warn, self.warned_before_s
+            "warned_2_s_before_contact: {} of {} flights, {} of {} targets, at {:.2} s (median)",
+            self.flights_warned_in_time,
+            self.flights_to_warn,
+            self.warned_in_time,
+            self.to_warn,
+            self.warned_before_s
         )?;
         write!(f, "false_warnings: {} of {} other flights", self.false_warnings, self.others)?;
         for name in &self.falsely_warned {
             write!(f, "\n  falsely warned: {name}")?;
         }
-        for (name, longest, time) in &self.collisions {
-            if time.is_none_or(|time| time < MUST_WARN_TIME) {
-                let when =
-                    time.map_or("never".into(), |time| format!("{time:.2} s before contact"));
-                write!(f, "\n  {name}, {longest:.0} px: warned {when}")?;
-            }
+        for collision in self.collisions.iter().filter(|c| !c.in_time()) {
+            let Collision { flight, longest_px, warned_s, end_s } = collision;
+            let when = match warned_s {
+                Some(time) => format!("{time:.2} s before contact"),
+                None => format!("not until {end_s:.2} s before contact, where the recording ends"),
+            };
+            write!(f, "\n  {flight}, {longest_px:.0} px: warned {when}")?;
         }
         Ok(())
     }
