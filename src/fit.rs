@@ -121,12 +121,13 @@ impl Axis {
         let (scale, cells) = (i64::from(scale.max(1)), (BOX_CELLS * CELL) as i64);
         let points = ((side / cells + scale / 2) / scale).clamp(1, MAX_POINTS as i64);
         let count = SIDE as i64 * points;
-        let last = (length.clamp(1, usize::from(u16::MAX)) as i64 - 1) << 8;
+        let last = (length.clamp(1, usize::from(u16::MAX)) as u64 - 1) << 8;
         let mut places = [(0, 0); SIDE * MAX_POINTS];
         for (i, place) in (0..count).zip(&mut places) {
             let from_middle = (2 * i + 1 - count) * side / (2 * points * cells);
             // A pixel's value is that of its middle.
-            let at = (((middle + from_middle) << 8) / scale - 128).clamp(0, last);
+            let at = ((middle + from_middle) << 8).checked_div(scale).unwrap_or(0);
+            let at = u64::try_from(at - 128).unwrap_or(0).min(last);
             *place = ((at >> 8) as u16, (at & 255) as u16);
         }
         Self { points: points as usize, places }
@@ -134,7 +135,7 @@ impl Axis {
 
     /// The points of each pixel.
     fn pixels(&self) -> impl Iterator<Item = &[(u16, u16)]> {
-        self.places.chunks_exact(self.points)
+        self.places.chunks_exact(self.points.max(1))
     }
 }
 
@@ -142,7 +143,7 @@ impl Axis {
 fn stretched(picture: &Image<'_>, x: &Axis, y: &Axis) -> Picture {
     let mut out = [0; SIDE * SIDE];
     let (last_x, last_y) = (picture.width().max(1) - 1, picture.height().max(1) - 1);
-    let count = ((x.points * y.points) as u32) << 16;
+    let count = (((x.points * y.points) as u32) << 16).max(1);
     for (out, points) in out.chunks_exact_mut(SIDE).zip(y.pixels()) {
         let mut sums = [count / 2; SIDE];
         for &(above, lower) in points {
@@ -166,12 +167,14 @@ fn stretched(picture: &Image<'_>, x: &Axis, y: &Axis) -> Picture {
     out
 }
 
+/// Pixels of the outermost cells of a picture.
+const AROUND: u32 = (SIDE * SIDE - (SIDE - 2 * CELL) * (SIDE - 2 * CELL)) as u32;
+
 /// The mean of the outermost cells of a picture.
 fn tone_around(picture: &Picture) -> u8 {
     let edge = |i: usize| !(CELL..SIDE - CELL).contains(&i);
     let around = picture.iter().enumerate().filter(|(n, _)| edge(n % SIDE) || edge(n / SIDE));
-    let (sum, count) = around.fold((0, 0), |(sum, count), (_, &v)| (sum + u32::from(v), count + 1));
-    (sum / count) as u8
+    (around.map(|(_, &v)| u32::from(v)).sum::<u32>() / AROUND) as u8
 }
 
 /// [`NEWEST_CHANNELS`] of the cells of the window; its last row and column are not looked at.
