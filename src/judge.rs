@@ -22,7 +22,8 @@ const _: () = assert!(SHIFTS == SLICES - 1);
 const FARTHEST_CENTRE: i32 = (WINDOW as i32) << 8;
 
 /// Looks that a detection's score and box are the means of: so many levels coarser. Looks to the side as well gained
-/// nothing that could be told from chance, at twice the time.
+/// nothing that could be told from chance, at twice the time; nor did fitting the box before these looks too (AveP at IoU
+/// 0.5 / 0.3 on airborne flights held back 0.599 / 0.732 instead of 0.597 / 0.730).
 const LOOKS: [isize; 3] = [0, -1, 1];
 
 /// A candidate with its verdict.

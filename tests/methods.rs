@@ -1,6 +1,7 @@
 //! The competitors: trained and compared by the built program, on simulated flights.
 #![cfg(feature = "std")]
 
+use lookout::model::Model;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -103,7 +104,9 @@ fn every_method_is_trained_and_stands_in_the_report() {
     let acf =
         ["replay", "data/flight1", "--model", "methods/acf.lkm", "--threshold=-32768", "--digest"];
     let digest = succeeded(&folder, &acf);
-    for part in ["--no-stcube", "--no-persistence", "--no-temporal", "--no-registration"] {
+    for part in
+        ["--no-stcube", "--no-persistence", "--no-temporal", "--no-registration", "--no-fit"]
+    {
         assert_eq!(succeeded(&folder, &[&acf[..], &[part]].concat()), digest, "{part}");
     }
 
@@ -140,8 +143,30 @@ fn objects_are_pasted_where_the_attitude_is_known() {
     assert!(error.contains("--paste needs clips with truth.csv and camera.json"), "{error}");
     bar(&folder);
     succeeded(&folder, &train);
+    let model = fs::read(folder.path().join("x.lkm")).unwrap();
+    assert!(Model::parse(&model).unwrap().fit().is_some(), "ours fits boxes");
     let card = fs::read_to_string(folder.path().join("README.md")).unwrap();
     assert!(card.contains("frames of 3 clips; 2 of them again with objects"), "{card}");
+}
+
+/// The simulator's aircraft are of shapes that the shipped model was not trained on.
+#[test]
+fn fitted_boxes_of_unseen_shapes_are_better() {
+    let folder = tempfile::tempdir().unwrap();
+    for (kind, seed) in [("collision", "1"), ("collision", "2"), ("crossing", "1")] {
+        let clip = format!("data/{kind}{seed}");
+        let which = ["simulate", "--out", &clip, "--kind", kind, "--seed", seed, "--seconds", "2"];
+        succeeded(&folder, &which);
+    }
+    let average_precision = |switch: &[&str]| {
+        let printed = succeeded(&folder, &[&["eval", "data", "--json"], switch].concat());
+        let scores: Value = serde_json::from_str(&printed).unwrap();
+        let at_half = &scores["reports"][0];
+        assert_eq!(at_half["iou"], 0.5);
+        at_half["AveP"].as_f64().unwrap()
+    };
+    let (fitted, without) = (average_precision(&[]), average_precision(&["--no-fit"]));
+    assert!(fitted > without + 0.03, "{fitted} with fitted boxes, {without} without");
 }
 
 #[test]
