@@ -1,8 +1,9 @@
 //! Training: from flights with known targets to a model file.
 //!
 //! In the order of the paper: the scan with hard negatives, the regressors of Algorithm 1, then cubes compensated with
-//! them, on these the classifier and the box. At last what scores are worth, measured on the clips held back. Each stage is saved when it ends; a run that was interrupted goes on after
-//! the last one. The core's own code computes every value that is learned from.
+//! them, on these the classifier and the box. Then what fits boxes to objects, which is no part of the paper, and at last
+//! what scores are worth, measured on the clips held back. Each stage is saved when it ends; a run that was interrupted
+//! goes on after the last one. The core's own code computes every value that is learned from.
 
 pub mod boost;
 mod calibrate;
