@@ -84,7 +84,7 @@ impl Section {
     ];
 
     /// What fits boxes: all of them are there, or all are empty.
-    const FIT: [Self; 5] =
+    pub const FIT: [Self; 5] =
         [Self::FitFeatures, Self::FitX, Self::FitY, Self::FitWidth, Self::FitHeight];
 
     /// Sections in a file of a version.
@@ -315,7 +315,7 @@ impl<'m> Model<'m> {
             return Err(ModelError::Length { expected: found - rest.len(), found });
         }
         let section = |section: Section| sections[section as usize];
-        let features =
+        let features_of =
             |of: Section| Features::parse(section(of)).ok_or(ModelError::Content { section: of });
         let forest = |of: Section, features: usize| {
             let (forest, rest) = Forest::parse(section(of))
@@ -326,7 +326,7 @@ impl<'m> Model<'m> {
         let provenance = core::str::from_utf8(section(Section::Provenance))
             .map_err(|_| ModelError::Content { section: Section::Provenance })?;
         let scan = forest(Section::Scan, scan::FEATURES)?;
-        let patch = features(Section::PatchFeatures)?;
+        let patch = features_of(Section::PatchFeatures)?;
         if !patch.of_patch_only() {
             return Err(ModelError::Content { section: Section::PatchFeatures });
         }
@@ -335,32 +335,30 @@ impl<'m> Model<'m> {
             horizontal: forest(Section::Horizontal, patch.len())?,
             vertical: forest(Section::Vertical, patch.len())?,
         };
-        let features = features(Section::CubeFeatures)?;
-        let count = features.len();
-        let boxes = [
-            forest(Section::BoxX, count)?,
-            forest(Section::BoxY, count)?,
-            forest(Section::BoxWidth, count)?,
-            forest(Section::BoxHeight, count)?,
-        ];
-        let cube = forest(Section::Cube, count)?;
+        let four = |[a, b, c, d]: [Section; 4], features: usize| {
+            Ok([
+                forest(a, features)?,
+                forest(b, features)?,
+                forest(c, features)?,
+                forest(d, features)?,
+            ])
+        };
+        let features = features_of(Section::CubeFeatures)?;
+        let boxes = [Section::BoxX, Section::BoxY, Section::BoxWidth, Section::BoxHeight];
+        let boxes = four(boxes, features.len())?;
+        let cube = forest(Section::Cube, features.len())?;
         let calibration = Calibration::parse(section(Section::Calibration))
             .ok_or(ModelError::Content { section: Section::Calibration })?;
         // Older models and those for small boards have none of these.
         let fit = if Section::FIT.iter().all(|&of| section(of).is_empty()) {
             None
         } else {
-            let features =
-                Features::parse(section(Section::FitFeatures)).filter(Features::of_newest_only);
-            let features = features.ok_or(ModelError::Content { section: Section::FitFeatures })?;
-            let count = features.len();
-            let sides = [
-                forest(Section::FitX, count)?,
-                forest(Section::FitY, count)?,
-                forest(Section::FitWidth, count)?,
-                forest(Section::FitHeight, count)?,
-            ];
-            Some(Fit { features, sides })
+            let [of, sides @ ..] = Section::FIT;
+            let features = features_of(of)?;
+            if !features.of_newest_only() {
+                return Err(ModelError::Content { section: of });
+            }
+            Some(Fit { features, sides: four(sides, features.len())? })
         };
         Ok(Self {
             bytes,

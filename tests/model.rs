@@ -295,15 +295,13 @@ fn older_versions_are_read_without_what_they_do_not_know() {
 
 #[test]
 fn a_model_may_do_without_fits_but_not_without_a_part_of_them() {
-    let fits =
-        [Section::FitFeatures, Section::FitX, Section::FitY, Section::FitWidth, Section::FitHeight];
     let mut without = sections();
-    fits.iter().for_each(|&section| without[section as usize].clear());
+    Section::FIT.iter().for_each(|&section| without[section as usize].clear());
     let bytes = assemble(&without);
     let model = Model::parse(&bytes).unwrap();
     assert!(model.fit().is_none());
     run(&model);
-    for section in fits {
+    for section in Section::FIT {
         let mut sections = sections();
         sections[section as usize].clear();
         assert!(Model::parse(&assemble(&sections)).is_err(), "{section:?}");

@@ -52,8 +52,9 @@ struct TargetResult {
     switches: u64,
     /// Longest side while there was time to warn, in pixels.
     longest: f64,
-    /// Time to contact at the first warning, and where the recording ends, in seconds.
+    /// Time to contact at the first warning, in seconds.
     warned: Option<f64>,
+    /// Time to contact where the recording ends, in seconds.
     end: f64,
 }
 
@@ -244,10 +245,24 @@ pub struct Collision {
 }
 
 impl Collision {
+    fn new(flight: &str, target: &TargetResult) -> Self {
+        Self {
+            flight: flight.into(),
+            longest_px: target.longest,
+            warned_s: target.warned,
+            end_s: target.end,
+        }
+    }
+
     /// Whether there was a warning in time.
     fn in_time(&self) -> bool {
         self.warned_s.is_some_and(|time| time >= MUST_WARN_TIME)
     }
+}
+
+/// How many flights these are of.
+fn flights<'c>(collisions: impl Iterator<Item = &'c Collision>) -> u64 {
+    collisions.map(|c| c.flight.as_str()).collect::<BTreeSet<_>>().len() as u64
 }
 
 /// The figures of all clips together.
@@ -302,22 +317,13 @@ impl Figures {
         let known: Vec<(f64, f64, f64)> =
             times().filter_map(|(t, known)| known.map(|(v, s)| (*t, (v - t).abs(), s))).collect();
         let honest = known.iter().map(|(_, e, s)| (e / s.max(1e-3)).powi(2)).sum::<f64>();
-        let of_clip = |c: &'_ ClipResult| -> Vec<Collision> {
-            let of = |t: &TargetResult| Collision {
-                flight: c.name.clone(),
-                longest_px: t.longest,
-                warned_s: t.warned,
-                end_s: t.end,
-            };
-            c.targets.iter().map(|(_, target)| of(target)).collect()
-        };
-        let collisions: Vec<Collision> =
-            clips.iter().filter(|c| c.kind == "collision").flat_map(of_clip).collect();
+        let collisions: Vec<Collision> = clips
+            .iter()
+            .filter(|c| c.kind == "collision")
+            .flat_map(|c| c.targets.iter().map(|(_, target)| Collision::new(&c.name, target)))
+            .collect();
         let must = || collisions.iter().filter(|c| c.longest_px > MUST_WARN_SIZE);
-        let flights = |all: &mut dyn Iterator<Item = &Collision>| {
-            let names: BTreeSet<&str> = all.map(|c| c.flight.as_str()).collect();
-            names.len() as u64
-        };
+        let in_time = || must().filter(|c| c.in_time());
         let warned: Vec<f64> = must().filter_map(|c| c.warned_s).collect();
         let falsely: Vec<String> = clips
             .iter()
@@ -334,9 +340,9 @@ impl Figures {
             time_error_share: quantile(known.iter().map(|k| k.1 / k.0).collect(), 0.5),
             time_error_over_sigma: (honest / known.len().max(1) as f64).sqrt(),
             to_warn: must().count() as u64,
-            warned_in_time: must().filter(|c| c.in_time()).count() as u64,
-            flights_to_warn: flights(&mut must()),
-            flights_warned_in_time: flights(&mut must().filter(|c| c.in_time())),
+            warned_in_time: in_time().count() as u64,
+            flights_to_warn: flights(must()),
+            flights_warned_in_time: flights(in_time()),
             warned_before_s: quantile(warned, 0.5),
             others: clips.iter().filter(|c| c.kind != "collision").count() as u64,
             false_warnings: falsely.len() as u64,

@@ -181,7 +181,7 @@ pub fn sections() -> Sections {
         } else {
             ([0, 10], [i % 9, i % 9 + 2])
         };
-        [i % 4, i % 14, x[0], x[1].min(10), y[0], y[1].min(10), 0, 1]
+        [i % 4, i % 14, x[0], x[1], y[0], y[1], 0, 1]
     };
     put(Section::FitFeatures, (0..30).flat_map(strip).collect());
     for section in [Section::FitX, Section::FitY, Section::FitWidth, Section::FitHeight] {

@@ -74,7 +74,7 @@ fn udp_both_ways() {
     let port = free_port();
     let mut links = Links::open(&[spec(&out), spec(&std::format!("udpin:127.0.0.1:{port}"))]);
     eventually(|| links.status(0).connected && links.status(1).connected);
-    links.send(&message(5, Destination::All), 0);
+    links.send(&message(5, Destination::Link(0)), 0);
     let mut bytes = [0; 300];
     let (read, ours) = peer.recv_from(&mut bytes).unwrap();
     assert_eq!(numbers(&bytes[..read]), [5]);

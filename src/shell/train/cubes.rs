@@ -46,6 +46,14 @@ pub struct Row {
     pub held_back: bool,
 }
 
+impl Row {
+    /// A row that only tells where the target is.
+    pub fn of_offset(view: &View<'_>, values: Vec<u16>, offset: Offset) -> Self {
+        let View { pasted, held_back, .. } = *view;
+        Self { values, label: 0.0, offset: Some(offset), target: 0, pasted, held_back }
+    }
+}
+
 /// The window whose centre is `away` cells from `truth`'s.
 fn around(truth: &Offset, away: (f64, f64)) -> Position {
     let quarters = |v: f64| (v * f64::from(SUBCELL)).round() as i32;
@@ -80,14 +88,9 @@ pub fn patches(
                 let value = |f: &Feature| {
                     f.value(core::slice::from_ref(&patch), &Patch::EMPTY, &[0; SCALARS])
                 };
-                rows.push(Row {
-                    values: pool.iter().map(value).collect(),
-                    label: 0.0,
-                    offset: Some(Offset::of(&truth, position, &level.level)),
-                    target: 0,
-                    pasted: view.pasted,
-                    held_back: view.held_back,
-                });
+                let values = pool.iter().map(value).collect();
+                let offset = Offset::of(&truth, position, &level.level);
+                rows.push(Row::of_offset(view, values, offset));
             }
         }
     }

@@ -24,13 +24,11 @@ impl Parts {
             Section::PatchFeatures,
             Section::CubeFeatures,
             Section::Calibration,
-            Section::FitFeatures,
-            Section::FitX,
-            Section::FitY,
-            Section::FitWidth,
-            Section::FitHeight,
         ];
-        let empty = |s| if no_forests.contains(&s) { Vec::new() } else { NO_TREES.to_vec() };
+        let empty = |s| {
+            let none = no_forests.contains(&s) || Section::FIT.contains(&s);
+            if none { Vec::new() } else { NO_TREES.to_vec() }
+        };
         Self { method, sections: Section::ALL.map(empty) }
     }
 

@@ -61,19 +61,13 @@ pub fn fits(
 ) -> Vec<Row> {
     let mut rows = Vec::new();
     let mut cube = Cube::EMPTY;
-    for (number, truth) in truths(&view.boxes).iter().enumerate() {
+    for truth in &truths(&view.boxes) {
         let Truth::Target(truth) = truth else { continue };
         for error in ERRORS {
             let window = fit::cut(pyramid, &wrong(truth, error, random), &mut cube);
             let value = |f: &Feature| f.value(&cube.slices, &cube.newest, &cube.scalars);
-            rows.push(Row {
-                values: pool.iter().map(value).collect(),
-                label: 0.0,
-                offset: Some(offset(truth, &window)),
-                target: view.number * 16 + number.min(15) as u32,
-                pasted: view.pasted,
-                held_back: view.held_back,
-            });
+            let values = pool.iter().map(value).collect();
+            rows.push(Row::of_offset(view, values, offset(truth, &window)));
         }
     }
     rows
