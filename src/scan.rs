@@ -70,6 +70,8 @@ impl<'a> Map<'a> {
 
     /// Runs `cascade` over every `step`th window across and down, from the first one of the whole map on; `found` gets
     /// each window that it does not reject. Gives the number of windows. Panics if `step` is 0.
+    ///
+    /// One window after the other: 64 of a row together, tree by tree, are no faster (26.2 ms a frame instead of 25.2).
     #[inline(never)]
     pub fn scan(
         &self,

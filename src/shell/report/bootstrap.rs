@@ -4,8 +4,8 @@
 //! draws, so that differences between methods are paired.
 
 use crate::shell::parallel;
+use crate::shell::random::Random;
 use crate::shell::ranking::Ranking;
-use crate::shell::train::random::Random;
 use serde::Serialize;
 use std::vec;
 use std::vec::Vec;

@@ -1,6 +1,7 @@
 //! How a multirotor sways: the camera's attitude and path as sums of slow waves.
 
-use super::math::{Random, Rotation, Vector, sin_cos};
+use crate::shell::math::{Rotation, Vector, sin_cos};
+use crate::shell::random::Random;
 
 /// A random process of limited bandwidth: a sum of sines, smooth and known at every instant.
 #[derive(Debug, Clone)]
@@ -109,7 +110,7 @@ mod tests {
     #[test]
     fn attitude_is_smooth_and_bounded() {
         for seed in 0..50 {
-            let mut random = Random::new(seed, 0);
+            let mut random = Random::stream(seed, 0);
             let camera = Camera::new(&mut random, 50.0, -0.1, [0.0, 0.0, 8.0]);
             let mut moved = 0.0;
             for step in 0..3000 {
@@ -128,7 +129,7 @@ mod tests {
 
     #[test]
     fn sway_has_its_deviation() {
-        let mut random = Random::new(3, 0);
+        let mut random = Random::stream(3, 0);
         for deviation in [0.01, 2.0] {
             let sway = Sway::new(&mut random, deviation, 0.5, 3.0);
             let samples = 20_000;

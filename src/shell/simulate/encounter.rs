@@ -1,9 +1,10 @@
 //! Where the camera and the target fly.
 
 use super::attitude::{Camera, Sway};
-use super::math::{Random, Rotation, Vector, add, atan2, direction, dot, sin_cos};
 use super::shapes::Shape;
 use super::{Kind, SimulateSettings};
+use crate::shell::math::{Rotation, Vector, add, atan2, direction, dot, sin_cos};
+use crate::shell::random::Random;
 use core::ops::Range;
 
 /// Metres a second that count as flying nearer.
@@ -160,7 +161,7 @@ mod tests {
     fn flights(kind: Kind) -> impl Iterator<Item = (Camera, Target)> {
         (0..40).map(move |seed| {
             let settings = SimulateSettings { kind, seed, ..SimulateSettings::default() };
-            let (camera, target, trees) = encounter(&settings, 560.0, &mut Random::new(seed, 0));
+            let (camera, target, trees) = encounter(&settings, 560.0, &mut Random::stream(seed, 0));
             assert!(trees > 100.0);
             (camera, target.unwrap())
         })

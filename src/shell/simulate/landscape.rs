@@ -1,7 +1,7 @@
 //! The textures of the scene: fields with roads, bushes and trees, and clouds.
 
-use super::math::Random;
 use super::noise::{Texture, fractal, hash};
+use crate::shell::random::Random;
 use std::vec;
 use std::vec::Vec;
 
@@ -11,7 +11,7 @@ const SIDE: u32 = 1 << SIZE;
 
 /// Fields of many kinds, roads and hedges between them, single trees; repeats at its edges.
 pub(super) fn ground(random: &mut Random) -> Texture {
-    let seed = random.next() as u32;
+    let seed = random.bits() as u32;
     let fields = paint_fields(random);
     let noise = |x, y, cell, salt: u32| fractal(x, y, SIZE, cell, 0, 150, seed ^ salt);
     let mut texels = vec![0u8; (SIDE * SIDE) as usize];
@@ -74,7 +74,7 @@ fn plant(texels: &mut [u8], random: &mut Random, seed: u32) {
         let (x, y) = (place % (SIDE / CELL) * CELL, place / (SIDE / CELL) * CELL);
         let density = f64::from(fractal(x, y, SIZE, 7, 5, 128, seed ^ 9)) / 65_536.0;
         let radius = random.within(2.0, 6.5);
-        let shift = random.next();
+        let shift = random.bits();
         if !random.chance((density - 0.5) * 3.5 + 0.02) {
             continue;
         }
@@ -101,7 +101,7 @@ fn plant(texels: &mut [u8], random: &mut Random, seed: u32) {
 
 /// Fine grain to lay over what the ground leaves smooth: grass, stones, leaves.
 pub(super) fn grain(random: &mut Random) -> Texture {
-    let seed = random.next() as u32;
+    let seed = random.bits() as u32;
     Texture::new(8, |x, y| {
         let value = fractal(x, y, 8, 5, 0, 190, seed) as i64;
         // Sums of octaves crowd about the middle: spread them.
@@ -111,7 +111,7 @@ pub(super) fn grain(random: &mut Random) -> Texture {
 
 /// Cover of the sky, 0 clear to 255 cloud.
 pub(super) fn clouds(random: &mut Random) -> Texture {
-    let seed = random.next() as u32;
+    let seed = random.bits() as u32;
     let clear = random.within(26_000.0, 40_000.0) as i64;
     Texture::new(9, |x, y| {
         let value = i64::from(fractal(x, y, 9, 7, 1, 135, seed));

@@ -6,7 +6,6 @@
 mod attitude;
 mod encounter;
 mod landscape;
-pub(in crate::shell) mod math;
 mod noise;
 mod scene;
 mod settings;
@@ -20,10 +19,11 @@ pub use write::{SimulateArgs, SimulateError, run};
 
 use crate::shell::camera::CameraFile;
 use crate::shell::clips::TruthBox;
+use crate::shell::math::{atan2, dot};
+use crate::shell::random::Random;
 use crate::shell::source::{Frame, frame_time_us};
 use attitude::Camera;
 use encounter::{Target, encounter};
-use math::{Random, atan2, dot};
 use scene::{Pose, Scene};
 use shapes::Outline;
 use std::vec;
@@ -89,8 +89,8 @@ impl Simulator {
         let view =
             (settings.width as usize, settings.height as usize, f64::from(settings.width) * FOCAL);
         let (camera, target, trees) =
-            encounter(&settings, view.2, &mut Random::new(settings.seed, 0));
-        let scene = Scene::new(&mut Random::new(settings.seed, 1), trees, 1.0 / view.2);
+            encounter(&settings, view.2, &mut Random::stream(settings.seed, 0));
+        let scene = Scene::new(&mut Random::stream(settings.seed, 1), trees, 1.0 / view.2);
         Self { scene, camera, target, view, sums: vec![0; view.0 * view.1], settings }
     }
 
@@ -142,7 +142,7 @@ impl Simulator {
         frame.width = width;
         frame.height = height;
         frame.time_us = frame_time_us(index, (self.settings.fps, 1));
-        expose(&self.sums, &mut Random::new(self.settings.seed, 2 + index), &mut frame.pixels);
+        expose(&self.sums, &mut Random::stream(self.settings.seed, 2 + index), &mut frame.pixels);
         let [yaw, pitch, roll] = self.camera.attitude(time);
         let target = self.target.as_ref().map(|target| {
             let place = target.place(time);
@@ -264,7 +264,7 @@ fn expose(sums: &[u32], random: &mut Random, pixels: &mut Vec<u8>) {
     pixels.clear();
     pixels.reserve(sums.len());
     for sums in sums.chunks(4) {
-        let mut bits = random.next();
+        let mut bits = random.bits();
         for &sum in sums {
             // The sum of two even distributions: near enough to a bell.
             let noise = (bits & 255) as i64 + (bits >> 8 & 255) as i64 - 255;

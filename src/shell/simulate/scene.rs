@@ -1,8 +1,9 @@
 //! What the camera sees without the target: ground, trees, hills and sky along a ray.
 
 use super::landscape;
-use super::math::{Random, Rotation, Vector};
 use super::noise::{Texture, fractal};
+use crate::shell::math::{Rotation, Vector};
+use crate::shell::random::Random;
 use std::vec::Vec;
 
 /// Metres a texel of the ground.
@@ -44,7 +45,7 @@ struct Ridge {
 
 impl Ridge {
     fn new(random: &mut Random, z: f64, base: f64, height: f64, rough: u32, tone: u32) -> Self {
-        let seed = random.next() as u32;
+        let seed = random.bits() as u32;
         let profile = |x| f64::from(fractal(x, 7, 11, 9, 0, rough, seed)) / 65_536.0;
         let heights: Vec<f64> =
             (0..2048).map(|x| (base + height * (profile(x) - 0.5) * 2.0).max(0.0)).collect();
@@ -227,9 +228,9 @@ mod tests {
 
     #[test]
     fn every_direction_has_a_grey() {
-        let scene = Scene::new(&mut Random::new(1, 0), 300.0, 1.0 / 560.0);
+        let scene = Scene::new(&mut Random::stream(1, 0), 300.0, 1.0 / 560.0);
         for step in 0..20_000 {
-            let mut random = Random::new(step, 1);
+            let mut random = Random::stream(step, 1);
             let mut any = || random.within(-1.0, 1.0);
             let ray = [any(), any(), any()];
             let grey = scene.grey(&[any() * 1e4, -50.0 + any(), any() * 400.0], ray);

@@ -1,6 +1,6 @@
 //! Aircraft as a few solids, seen in perspective.
 
-use super::math::{Rotation, Vector};
+use crate::shell::math::{Rotation, Vector};
 use std::vec::Vec;
 
 /// Opacity of a spinning rotor.

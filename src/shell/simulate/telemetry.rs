@@ -7,9 +7,9 @@
 
 use super::attitude::Camera;
 use super::encounter::encounter;
-use super::math::Random;
-use super::math::{Vector, sin_cos};
 use super::{FOCAL, SimulateSettings};
+use crate::shell::math::{Vector, sin_cos};
+use crate::shell::random::Random;
 use crate::shell::source::frame_time_us;
 use mavlink::dialects::ardupilotmega::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA,
@@ -54,7 +54,7 @@ impl Telemetry {
     pub fn of(settings: &SimulateSettings) -> Self {
         let settings = settings.limited();
         let focal = f64::from(settings.width) * FOCAL;
-        let (camera, _, _) = encounter(&settings, focal, &mut Random::new(settings.seed, 0));
+        let (camera, _, _) = encounter(&settings, focal, &mut Random::stream(settings.seed, 0));
         Self::new(&camera, &settings)
     }
 
@@ -199,13 +199,13 @@ fn position(camera: &Camera, time: f64, time_boot_ms: u32) -> MavMessage {
 #[cfg(test)]
 mod tests {
     use super::super::Kind;
-    use super::super::math::Rotation;
     use super::*;
+    use crate::shell::math::Rotation;
     use mavlink::{MavlinkVersion, Message};
     use std::vec::Vec;
 
     fn camera(settings: &SimulateSettings) -> Camera {
-        encounter(settings, 560.0, &mut Random::new(settings.seed, 0)).0
+        encounter(settings, 560.0, &mut Random::stream(settings.seed, 0)).0
     }
 
     fn messages(settings: &SimulateSettings) -> Vec<(i64, MavMessage)> {

@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn scores_of_a_known_truth() {
         // A detection of score s is right with the probability of its log-odds: so many, so the table is near it.
-        let mut random = super::super::random::Random::new(4);
+        let mut random = crate::shell::random::Random::new(4);
         let detections: Vec<(i32, bool)> = (0..40_000)
             .map(|_| {
                 let score = random.symmetric() * 5.0;

@@ -2,7 +2,6 @@
 
 use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
-use super::random::Random;
 use super::windows;
 use crate::cube::{Cube, Patch, SCALARS, SUBCELL, WINDOW};
 use crate::detector::Config;
@@ -13,6 +12,7 @@ use crate::model::Model;
 use crate::motion::Position;
 use crate::scan::Candidate;
 use crate::search;
+use crate::shell::random::Random;
 use std::vec::Vec;
 
 /// Tolerance of a cube's label, after Algorithm 1.

@@ -3,13 +3,13 @@
 use super::cubes::Row;
 use super::footage::View;
 use super::labels::{Offset, Truth, truths};
-use super::random::Random;
 use crate::cube::Cube;
 use crate::feature::Feature;
 use crate::fit::{self, BOX_CELLS};
 use crate::image::Rect;
 use crate::levels::Pyramid;
 use crate::shell::clips::TruthBox;
+use crate::shell::random::Random;
 use fixed::types::I28F4;
 use std::vec::Vec;
 

@@ -3,7 +3,6 @@
 use super::TrainArgs;
 use super::look::Look;
 use super::paste::{self, Run, Turning};
-use super::random::Random;
 use crate::cube::SLICES;
 use crate::detector::Config;
 use crate::front::{FrontEnd, REACH};
@@ -12,6 +11,7 @@ use crate::shell::clips::{self, TruthBox};
 use crate::shell::error::Error;
 use crate::shell::parallel;
 use crate::shell::pipeline::Memory;
+use crate::shell::random::Random;
 use crate::shell::scaled::Scaling;
 use crate::shell::source::{self, Frame};
 use std::string::ToString;

@@ -1,8 +1,8 @@
 //! Changed looks of recorded frames, so that few scenes teach more: mirrored, smaller, of other contrast.
 
-use super::random::Random;
 use crate::pyramid;
 use crate::shell::clips::TruthBox;
+use crate::shell::random::Random;
 use crate::shell::source::Frame;
 use std::vec::Vec;
 

@@ -15,7 +15,6 @@ mod labels;
 mod look;
 mod paste;
 mod pool;
-pub(in crate::shell) mod random;
 mod report;
 mod stages;
 mod windows;

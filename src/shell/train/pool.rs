@@ -1,6 +1,5 @@
 //! Random features for the boosting to choose from.
 
-use super::random::Random;
 use crate::channels::{MAGNITUDE, TEMPORAL};
 use crate::cube::{SLICES, WINDOW};
 use crate::feature::{Denominator, Feature};
@@ -8,6 +7,7 @@ use crate::fit::NEWEST_CHANNELS;
 use crate::gradient::ORIENTATIONS;
 use crate::motion::FIRST_SCALAR;
 use crate::shell::methods::Sees;
+use crate::shell::random::Random;
 use std::vec::Vec;
 
 /// Cells of a 3-D HoG along each side of the window.

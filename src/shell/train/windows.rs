@@ -3,7 +3,6 @@
 use super::boost::{Data, Samples, SamplesError};
 use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
-use super::random::Random;
 use crate::cube::SUBCELL;
 use crate::detector::Config;
 use crate::levels::Pyramid;
@@ -12,6 +11,7 @@ use crate::model::Model;
 use crate::motion::Position;
 use crate::scan::{FEATURES, Map};
 use crate::search::{self, Scratch};
+use crate::shell::random::Random;
 use std::vec;
 use std::vec::Vec;
 

@@ -10,8 +10,8 @@ mod cutout;
 mod turning;
 
 use super::labels::BIRD;
-use super::random::Random;
 use crate::shell::clips::TruthBox;
+use crate::shell::random::Random;
 use crate::shell::source::Frame;
 use course::Course;
 pub use cutout::Cutout;

@@ -2,7 +2,7 @@
 
 use crate::shell::camera::CameraFile;
 use crate::shell::error::Error;
-use crate::shell::simulate::math::{Rotation, atan2, direction};
+use crate::shell::math::{Rotation, atan2, direction};
 use crate::shell::truth;
 use std::collections::BTreeMap;
 use std::path::Path;

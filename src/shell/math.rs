@@ -1,12 +1,12 @@
 //! Numbers that are the same on every processor: only IEEE-exact operations, nothing of a libm.
 
 /// A vector; x right, y down, z forward.
-pub(in crate::shell) type Vector = [f64; 3];
+pub type Vector = [f64; 3];
 
 const FRAC_PI_2: f64 = core::f64::consts::FRAC_PI_2;
 
 /// Sine and cosine of an angle of some turns at most, radians; within 1e-13.
-pub(super) fn sin_cos(angle: f64) -> (f64, f64) {
+pub fn sin_cos(angle: f64) -> (f64, f64) {
     let quarter = angle / FRAC_PI_2;
     let quarter = (if quarter < 0.0 { quarter - 0.5 } else { quarter + 0.5 }) as i64;
     let x = angle - quarter as f64 * FRAC_PI_2;
@@ -29,7 +29,7 @@ pub(super) fn sin_cos(angle: f64) -> (f64, f64) {
 }
 
 /// Angle of the point (x, y) to the x axis, radians in -pi..=pi; within 1e-13.
-pub(in crate::shell) fn atan2(y: f64, x: f64) -> f64 {
+pub fn atan2(y: f64, x: f64) -> f64 {
     let length = (x * x + y * y).sqrt();
     if length == 0.0 {
         return 0.0;
@@ -58,17 +58,17 @@ pub(in crate::shell) fn atan2(y: f64, x: f64) -> f64 {
 }
 
 /// Sum of products.
-pub(super) fn dot(a: Vector, b: Vector) -> f64 {
+pub fn dot(a: Vector, b: Vector) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// `a + b * scale`.
-pub(super) fn add(a: Vector, b: Vector, scale: f64) -> Vector {
+pub fn add(a: Vector, b: Vector, scale: f64) -> Vector {
     [a[0] + b[0] * scale, a[1] + b[1] * scale, a[2] + b[2] * scale]
 }
 
 /// The direction with this azimuth (right) and elevation (down), radians.
-pub(in crate::shell) fn direction(azimuth: f64, elevation: f64) -> Vector {
+pub fn direction(azimuth: f64, elevation: f64) -> Vector {
     let (sa, ca) = sin_cos(azimuth);
     let (se, ce) = sin_cos(elevation);
     [sa * ce, se, ca * ce]
@@ -76,11 +76,11 @@ pub(in crate::shell) fn direction(azimuth: f64, elevation: f64) -> Vector {
 
 /// A rotation.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::shell) struct Rotation([Vector; 3]);
+pub struct Rotation([Vector; 3]);
 
 impl Rotation {
     /// `Ry(yaw) Rx(pitch) Rz(roll)`: from the turned frame to the world, radians.
-    pub(in crate::shell) fn new(yaw: f64, pitch: f64, roll: f64) -> Self {
+    pub fn new(yaw: f64, pitch: f64, roll: f64) -> Self {
         let (sy, cy) = sin_cos(yaw);
         let (sp, cp) = sin_cos(pitch);
         let (sr, cr) = sin_cos(roll);
@@ -92,45 +92,14 @@ impl Rotation {
     }
 
     /// Turns a vector.
-    pub(in crate::shell) fn apply(&self, v: Vector) -> Vector {
+    pub fn apply(&self, v: Vector) -> Vector {
         [dot(self.0[0], v), dot(self.0[1], v), dot(self.0[2], v)]
     }
 
     /// Turns a vector back.
-    pub(in crate::shell) fn invert(&self, v: Vector) -> Vector {
+    pub fn invert(&self, v: Vector) -> Vector {
         let column = |i: usize| [self.0[0][i], self.0[1][i], self.0[2][i]];
         [dot(column(0), v), dot(column(1), v), dot(column(2), v)]
-    }
-}
-
-/// A random sequence (splitmix64).
-#[derive(Debug, Clone)]
-pub(super) struct Random(u64);
-
-impl Random {
-    /// The sequence number `stream` of `seed`.
-    pub(super) fn new(seed: u64, stream: u64) -> Self {
-        let mut mixed = Self(seed);
-        Self(mixed.next() ^ stream.wrapping_mul(0xd134_2543_de82_ef95))
-    }
-
-    /// The next 64 bits.
-    pub(super) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut bits = self.0;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        bits ^ (bits >> 31)
-    }
-
-    /// Evenly from `low` to `high`.
-    pub(super) fn within(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * ((self.next() >> 11) as f64 / (1u64 << 53) as f64)
-    }
-
-    /// True with this probability.
-    pub(super) fn chance(&mut self, probability: f64) -> bool {
-        self.within(0.0, 1.0) < probability
     }
 }
 

@@ -1,4 +1,4 @@
-//! The trainer's random numbers: the same for the same seed on every machine (splitmix64, Steele et al. 2014).
+//! Random numbers that are the same for the same seed on every machine (splitmix64, Steele et al. 2014).
 
 /// A sequence of random numbers.
 #[derive(Debug, Clone)]
@@ -8,6 +8,11 @@ impl Random {
     /// The sequence of a seed.
     pub const fn new(seed: u64) -> Self {
         Self(seed)
+    }
+
+    /// The sequence number `stream` of a seed.
+    pub fn stream(seed: u64, stream: u64) -> Self {
+        Self(Self(seed).bits() ^ stream.wrapping_mul(0xD134_2543_DE82_EF95))
     }
 
     /// Any 64 bits.
@@ -27,5 +32,14 @@ impl Random {
     /// A number in -1..1.
     pub fn symmetric(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+    /// Evenly from `low` to `high`.
+    pub fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * ((self.bits() >> 11) as f64 / (1u64 << 53) as f64)
+    }
+
+    /// True with this probability.
+    pub fn chance(&mut self, probability: f64) -> bool {
+        self.within(0.0, 1.0) < probability
     }
 }
