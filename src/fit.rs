@@ -58,16 +58,33 @@ pub struct Fit<'m> {
 }
 
 impl Fit<'_> {
-    /// The box of the object near `rect`, pixels of the frame. Writes over `cube`.
+    /// The box of the object near `rect`, pixels of the frame: a quarter of `rect`, the rest of where the moves end. What
+    /// gave `rect` errs in other ways, and more where objects are small and their shapes known: AveP at IoU 0.5 / 0.3 and
+    /// recall at 10 false alarms in 1000 frames on clips held back go from 0.586 / 0.706, 0.465 to 0.586 / 0.710, 0.475
+    /// (airborne) and from 0.955 / 0.988, 0.973 to 0.967 / 0.988, 0.974 (real). Writes over `cube`.
     #[inline(never)]
     pub fn fit(&self, rect: Rect, pyramid: &Pyramid<'_>, cube: &mut Cube) -> Rect {
-        let mut rect = rect;
+        let mut end = rect;
         for _ in 0..MOVES {
-            let window = cut(pyramid, &rect, cube);
+            let window = cut(pyramid, &end, cube);
             let test = |feature, threshold| self.features.exceeds(feature, threshold, cube);
-            rect = moved(&window, self.sides.each_ref().map(|forest| forest.score(test)));
+            end = moved(&window, self.sides.each_ref().map(|forest| forest.score(test)));
         }
-        rect
+        mixed(&rect, &end)
+    }
+}
+
+/// A quarter of `start` and three of `end`.
+fn mixed(start: &Rect, end: &Rect) -> Rect {
+    let mix = |start: I28F4, end: I28F4| {
+        let quarters = i64::from(start.to_bits()) + 3 * i64::from(end.to_bits());
+        I28F4::from_bits((quarters / 4) as i32)
+    };
+    Rect {
+        x: mix(start.x, end.x),
+        y: mix(start.y, end.y),
+        width: mix(start.width, end.width),
+        height: mix(start.height, end.height),
     }
 }
 
@@ -334,6 +351,19 @@ mod tests {
                 prop_assert!((number(to.1) - grown).abs() < 0.1 + grown * 2e-4);
                 let middle = start + length / 2.0 + cells * length / 5.0;
                 prop_assert!((number(to.0 + to.1 / 2) - middle).abs() < 0.3);
+            }
+        }
+
+        #[test]
+        fn mixing_agrees_with_f64(bits in prop::array::uniform8(any::<i32>())) {
+            let [x, y, width, height, x2, y2, width2, height2] = bits.map(I28F4::from_bits);
+            let start = Rect { x, y, width, height };
+            let mix = mixed(&start, &Rect { x: x2, y: y2, width: width2, height: height2 });
+            for (mix, start, end) in
+                [(mix.x, x, x2), (mix.y, y, y2), (mix.width, width, width2), (mix.height, height, height2)]
+            {
+                let want = 0.25 * start.to_num::<f64>() + 0.75 * end.to_num::<f64>();
+                prop_assert!((mix.to_num::<f64>() - want).abs() < 1.0 / 16.0);
             }
         }
 
