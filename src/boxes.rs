@@ -6,13 +6,13 @@
 //! Trees say how far the box is off, it is moved, and a new window is cut: cascaded regression as in Dollár, Welinder
 //! and Perona, "Cascaded Pose Regression", CVPR 2010, of a place and two lengths.
 
+use crate::channels::scale_space::{Level, Pyramid};
 use crate::channels::{Difference, Slice, Square};
-use crate::cube::{Cube, SCALARS, SUBCELL, WINDOW};
-use crate::feature::Features;
-use crate::fixed::exp2_q16;
-use crate::gradient::CELL;
+use crate::image::gradient::CELL;
 use crate::image::{Image, Rect};
-use crate::levels::{Level, Pyramid};
+use crate::math::fixed::exp2_q16;
+use crate::stcube::cube::{Cube, SCALARS, SUBCELL, WINDOW};
+use crate::stcube::feature::Features;
 use crate::trees::Forest;
 use fixed::types::I28F4;
 
@@ -257,9 +257,9 @@ pub fn cut(pyramid: &Pyramid<'_>, rect: &Rect, cube: &mut Cube) -> Rect {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cube::Patch;
-    use crate::history::History;
-    use crate::levels::{self, Geometry};
+    use crate::channels::history::History;
+    use crate::channels::scale_space::{self, Geometry};
+    use crate::stcube::cube::Patch;
     use proptest::prelude::*;
     use std::vec::Vec;
 
@@ -282,9 +282,9 @@ mod tests {
             (0..4).map(|i| (0..(width >> i) * (height >> i)).map(smooth).collect()).collect();
         let frame =
             core::array::from_fn(|i| Image::packed(&halves[i], width >> i, height >> i).unwrap());
-        levels::build(&geometry, &mut bytes, &frame, 0);
-        let frames = [frame; crate::cube::SLICES];
-        work(&Pyramid::new(&geometry, &bytes, frames, [0; crate::cube::SLICES]))
+        scale_space::build(&geometry, &mut bytes, &frame, 0);
+        let frames = [frame; crate::stcube::cube::SLICES];
+        work(&Pyramid::new(&geometry, &bytes, frames, [0; crate::stcube::cube::SLICES]))
     }
 
     proptest! {
@@ -398,7 +398,7 @@ mod tests {
                 second.cut_newest(&level.newest, corner(x), corner(y));
                 let regions = (0..10).flat_map(|i| (0..10).map(move |j| (i, j)));
                 for (i, j) in regions {
-                    let region = crate::cube::Region::new((i, i + 1), (j, j + 1));
+                    let region = crate::stcube::cube::Region::new((i, i + 1), (j, j + 1));
                     let own = |patch: &Patch, channels: usize| -> Vec<u32> {
                         (0..channels).map(|c| patch.sum(c, &region)).collect()
                     };

@@ -3,8 +3,8 @@
 use clap::Parser;
 use lookout::shell::cli::{Cli, Verb};
 use lookout::shell::error::Error;
-use lookout::shell::interrupt::{self, Ended};
-use lookout::shell::{bench, doctor, eval, replay, run, train};
+use lookout::shell::support::interrupt::{self, Ended};
+use lookout::shell::{bench, doctor, evaluate, live, replay, train};
 use std::io::IsTerminal;
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
@@ -37,9 +37,9 @@ fn dispatch(verb: &Verb) -> Result<Ended, Error> {
     match verb {
         Verb::Simulate(args) => Ok(lookout::shell::simulate::run(args).map(|()| Ended::Complete)?),
         Verb::Replay(args) => replay::run(args),
-        Verb::Run(args) => run::run(args),
-        Verb::Eval(args) => eval::run(args),
-        Verb::Score(args) => eval::run_score(args),
+        Verb::Run(args) => live::run(args),
+        Verb::Eval(args) => evaluate::run(args),
+        Verb::Score(args) => evaluate::run_score(args),
         Verb::Bench(args) => bench::run(args),
         Verb::Doctor(args) => doctor::run(args),
         Verb::Train(args) => train::run(args),

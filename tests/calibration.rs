@@ -74,7 +74,7 @@ fn measured_for_a_model_and_used() {
     let scored = |clip: &str| scores(&format!("{found}/{clip}.txt"));
     let all = [scored("1"), scored("2")].concat();
     let knots: Vec<_> = model.calibration().knots().collect();
-    let score = |k: &lookout::calibration::Knot| f64::from(k.score) / 65536.0;
+    let score = |k: &lookout::model::calibration::Knot| f64::from(k.score) / 65536.0;
     assert!(!knots.is_empty());
     assert!(knots.iter().all(|k| all.iter().any(|s| (s - score(k)).abs() < 1e-5)), "{knots:?}");
 
@@ -97,7 +97,7 @@ fn measured_for_a_model_and_used() {
         let text = complaint(&[verb, &["--model", &bare, "--min-precision", "0.9"]].concat());
         assert!(text.contains("no table of precisions; give --threshold"), "{text}");
     }
-    let knot = lookout::calibration::Knot { score: 0, precision: 1 << 15 };
+    let knot = lookout::model::calibration::Knot { score: 0, precision: 1 << 15 };
     sections[Section::Calibration as usize] = knot.encode().to_vec();
     fs::write(&bare, common::assemble(&sections)).unwrap();
     let text = complaint(&["replay", "--model", &bare, "--min-precision", "0.9"]);

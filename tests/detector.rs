@@ -9,7 +9,7 @@ use lookout::detector::{
 };
 use lookout::image::Image;
 use lookout::model::Model;
-use lookout::motion::Alignment;
+use lookout::stcube::compensation::Alignment;
 use proptest::prelude::*;
 
 #[test]

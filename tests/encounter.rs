@@ -1,17 +1,17 @@
 //! Whole encounters as on board: telemetry and frames in, MAVLink out, with what goes wrong in flight.
 
-use lookout::component::{Outgoing, Trust};
-use lookout::detection::{Detection, SHIFTS, Shift};
 use lookout::detector::Detections;
+use lookout::detector::detection::{Detection, SHIFTS, Shift};
 use lookout::image::Rect;
-use lookout::onboard::Onboard;
-use lookout::shell::camera::CameraFile;
+use lookout::mavlink::component::{Outgoing, Trust};
+use lookout::mavlink::lookout::Onboard;
+use lookout::shell::formats::camera_file::CameraFile;
 use lookout::shell::link::Links;
 use lookout::shell::pipeline::{DetectorArgs, Memory, ModelFile};
 use lookout::shell::simulate::{Kind, SimulateSettings, Simulator, Telemetry};
-use lookout::shell::source::{Frame, FrameSource, Simulated};
-use lookout::track;
-use lookout::traffic::{Level, Traffic};
+use lookout::shell::sources::{Frame, FrameSource, Simulated};
+use lookout::tracking::tracker;
+use lookout::tracking::traffic::{Level, Traffic};
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message};
 use std::net::UdpSocket;
@@ -79,7 +79,7 @@ fn a_collision_from_pixels_to_datagrams() {
     let mut telemetry = Telemetry::of(&settings).peekable();
     let file = ModelFile::load(None).unwrap();
     let model = file.parse().unwrap();
-    let tracks = track::Settings::calibrated(model.calibration());
+    let tracks = tracker::Settings::calibrated(model.calibration());
     let mut onboard = Onboard::new(camera, tracks, Default::default(), Default::default(), 0);
     let args = DetectorArgs { threshold: Some(tracks.keep_score), ..DetectorArgs::default() };
     let config = args.config(&model, settings.width as usize, settings.height as usize).unwrap();
@@ -183,7 +183,7 @@ impl World {
             kind: None,
         };
         let camera = camera.camera().unwrap();
-        let tracks = track::Settings::default();
+        let tracks = tracker::Settings::default();
         Self {
             onboard: Onboard::new(camera, tracks, Default::default(), Default::default(), 0),
             now: 0,

@@ -4,7 +4,7 @@ mod common;
 
 use common::golden::{CONFIG, DIGEST, FRAMES, MODEL, digest};
 use lookout::detector::{Buffers, Config};
-use lookout::motion::Alignment;
+use lookout::stcube::compensation::Alignment;
 
 #[test]
 fn the_model_is_the_one_put_together_by_hand() {

@@ -4,8 +4,8 @@ mod common;
 
 use common::{assemble, forest, model, repair, sections};
 use lookout::detector::{Buffers, Config, Detector};
-use lookout::feature::Features;
 use lookout::model::{HEADER, Model, ModelError, Section, VERSION};
+use lookout::stcube::feature::Features;
 use lookout::trees::{ForestError, NEVER_REJECT};
 use proptest::prelude::*;
 

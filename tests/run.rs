@@ -9,8 +9,8 @@ mod golden;
 mod live;
 
 use live::{ACTIVE, CRITICAL, Fault, Faults, Ground, MODEL, PATIENCE, Run, drawn, listed};
-use lookout::shell::run::live::{LiveError, LiveSource, Open, Taken};
-use lookout::shell::source::Frame;
+use lookout::shell::live::source::{LiveError, LiveSource, Open, Taken};
+use lookout::shell::sources::Frame;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use serde_json::Value;
 use std::fs;

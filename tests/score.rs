@@ -1,9 +1,9 @@
 //! Our scorer against the independent one, and by hand.
 #![cfg(feature = "std")]
 
-use lookout::shell::clips::GroundTruth;
-use lookout::shell::detections::read_mot;
-use lookout::shell::score::{Found, Report, Scorer, WARMUP};
+use lookout::shell::evaluate::score::{Found, Report, Scorer, WARMUP};
+use lookout::shell::formats::clips::GroundTruth;
+use lookout::shell::formats::detections::read_mot;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::fs;

@@ -3,9 +3,9 @@
 //! All clips with LOOKOUT_ALL_FLIGHTS=1; LOOKOUT_MEASURE=1 prints what is measured in them.
 #![cfg(feature = "std")]
 
-use lookout::message::Blind;
-use lookout::shell::run::sight::{Measures, Sight};
-use lookout::shell::source::{self, Frame};
+use lookout::mavlink::messages::Blind;
+use lookout::shell::live::image_health::{Measures, Sight};
+use lookout::shell::sources::{self, Frame};
 use std::path::Path;
 use std::sync::Arc;
 use std::{env, fs};
@@ -31,7 +31,7 @@ fn blurred(frame: &Frame, sigma: f32) -> Frame {
 
 /// Frames of a clip, a second apart as the judgement sees them.
 fn frames(clip: &Path) -> Vec<Arc<Frame>> {
-    let mut source = source::open(clip.to_str().unwrap()).unwrap();
+    let mut source = sources::open(clip.to_str().unwrap()).unwrap();
     let (mut frame, mut kept) = (Frame::default(), Vec::new());
     let mut number = 0;
     while source.next_frame(&mut frame).unwrap() {

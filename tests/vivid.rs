@@ -9,9 +9,9 @@ mod golden;
 mod live;
 
 use live::{ACTIVE, CRITICAL, Ground};
-use lookout::shell::clock::now_us;
-use lookout::shell::source::Frame;
-use lookout::shell::v4l2::{Camera, CameraError, PixelFormat, Settings, Taken};
+use lookout::shell::sources::Frame;
+use lookout::shell::sources::v4l2::{Camera, CameraError, PixelFormat, Settings, Taken};
+use lookout::shell::support::clock::now_us;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

@@ -1,17 +1,17 @@
 //! Encounters without pictures: boxes as a detector would give them, from geometry in f64.
 
 use fixed::types::I28F4;
-use lookout::angle::Real;
-use lookout::attitudes::Attitudes;
-use lookout::calibration::{self, Calibration, Knot};
+use lookout::camera::attitude::Attitude;
+use lookout::camera::attitude_buffer::Attitudes;
 use lookout::camera::{Camera, Intrinsics};
-use lookout::detection::{Detection, SHIFTS, Shift};
-use lookout::geometry::Attitude;
+use lookout::detector::detection::{Detection, SHIFTS, Shift};
 use lookout::image::Rect;
-use lookout::planar::Motion;
-use lookout::track;
-use lookout::traffic::{Level, MAX_TRAFFIC, Traffic};
-use lookout::watch::{Settings, Watch};
+use lookout::math::real::Real;
+use lookout::model::calibration::{self, Calibration, Knot};
+use lookout::registration::global_motion::Motion;
+use lookout::tracking::tracker;
+use lookout::tracking::traffic::{Level, MAX_TRAFFIC, Traffic};
+use lookout::tracking::{Settings, Watch};
 use proptest::prelude::*;
 
 const FOCAL: f64 = 560.0;
@@ -258,7 +258,7 @@ fn a_model_s_calibration_says_what_makes_a_track() {
         let knot = |&(score, percent)| Knot { score, precision: calibration::ONE / 100 * percent };
         knots.iter().flat_map(|k| knot(k).encode()).collect()
     };
-    let default = track::Settings::default();
+    let default = tracker::Settings::default();
     for (table, start_score, keep_score) in [
         (&[(-500, 10), (-400, 40), (-100, 89), (300, 91), (400, 99)][..], 300, -400),
         // Never sure enough: what is known of the low scores holds all the same.
@@ -268,9 +268,12 @@ fn a_model_s_calibration_says_what_makes_a_track() {
         (&[], default.start_score, default.keep_score),
     ] {
         let bytes = knots(table);
-        let settings = track::Settings::calibrated(&Calibration::parse(&bytes).unwrap());
+        let settings = tracker::Settings::calibrated(&Calibration::parse(&bytes).unwrap());
         let confirm_score = start_score + default.confirm_score - default.start_score;
-        assert_eq!(settings, track::Settings { start_score, confirm_score, keep_score, ..default });
+        assert_eq!(
+            settings,
+            tracker::Settings { start_score, confirm_score, keep_score, ..default }
+        );
     }
 }
 

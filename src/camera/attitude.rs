@@ -3,7 +3,7 @@
 //! Axes: a camera's x is right, y down, z forward; a body's (FRD) x is forward, y right, z down; the world's (NED) x is
 //! north, y east, z down.
 
-use crate::angle::{self, Real, Vector, add, cross, sin_cos, unit};
+use crate::math::real::{self, Real, Vector, add, cross, sin_cos, unit};
 use fixed::types::I2F30;
 
 /// A unit vector.
@@ -35,13 +35,13 @@ impl Direction {
     /// Angle to the right of forward (body), or from north to east, in radians, -pi to pi.
     pub fn azimuth(self) -> Real {
         let [x, y, _] = self.into();
-        angle::atan2(y, x)
+        real::atan2(y, x)
     }
 
     /// Angle above the level plane in radians.
     pub fn elevation(self) -> Real {
         let [x, y, z]: Vector = self.into();
-        angle::atan2(-z, angle::sqrt(x * x + y * y))
+        real::atan2(-z, real::sqrt(x * x + y * y))
     }
 }
 
@@ -73,11 +73,11 @@ impl Attitude {
     pub fn new([w, x, y, z]: [Real; 4]) -> Option<Self> {
         let parts = [w, x, y, z];
         let largest = parts.into_iter().map(Real::saturating_abs).max()?;
-        if largest < angle::ratio(1, 1000) {
+        if largest < real::ratio(1, 1000) {
             return None;
         }
-        let parts = parts.map(|v| angle::divide(v, largest));
-        let length = angle::sqrt(parts.into_iter().map(|v| v * v).sum());
+        let parts = parts.map(|v| real::divide(v, largest));
+        let length = real::sqrt(parts.into_iter().map(|v| v * v).sum());
         let [w, x, y, z] = parts.map(|v| I2F30::saturating_from_num(v / length));
         Some(Self { w, x, y, z })
     }
@@ -97,7 +97,7 @@ impl Attitude {
     /// The turn about `vector` by its length in radians, for angles well below half a turn.
     pub fn from_small(vector: Vector) -> Self {
         // tan(a/2) is a/2 up to a^3/24: 1e-5 for 0.06 radians.
-        Self::new([angle::ONE, vector[0] / 2, vector[1] / 2, vector[2] / 2])
+        Self::new([real::ONE, vector[0] / 2, vector[1] / 2, vector[2] / 2])
             .unwrap_or(Self::IDENTITY)
     }
 
@@ -127,20 +127,20 @@ impl Attitude {
         let [w, x, y, z] = self.parts();
         let axis = [x, y, z];
         let twice = cross(axis, vector).map(|v| v * 2);
-        add(add(vector, twice, w), cross(axis, twice), angle::ONE)
+        add(add(vector, twice, w), cross(axis, twice), real::ONE)
     }
 
     /// The angle between two attitudes in radians.
     pub fn angle_to(self, other: Self) -> Real {
         let [w, x, y, z] = self.inverse().after(other).parts();
-        angle::atan2(angle::norm([x, y, z]), w.saturating_abs()) * 2
+        real::atan2(real::norm([x, y, z]), w.saturating_abs()) * 2
     }
 
     /// Between `self` (`part` 0) and `other` (`part` 1) on the shorter way, or beyond; for near attitudes.
     pub fn towards(self, other: Self, part: Real) -> Self {
         let (a, b) = (self.parts(), other.parts());
         let cosine: Real = a.iter().zip(b).map(|(a, b)| *a * b).sum();
-        let b = if cosine < angle::ZERO { b.map(|v| -v) } else { b };
+        let b = if cosine < real::ZERO { b.map(|v| -v) } else { b };
         Self::new(core::array::from_fn(|i| a[i] + (b[i] - a[i]) * part)).unwrap_or(other)
     }
 }

@@ -1,7 +1,7 @@
 //! The vehicle's attitude at the time of a frame (level 2).
 
-use crate::angle::Real;
-use crate::geometry::Attitude;
+use crate::camera::attitude::Attitude;
+use crate::math::real::Real;
 
 /// Attitudes kept: 1.3 s at 50 a second.
 const KEPT: usize = 64;

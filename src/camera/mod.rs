@@ -4,8 +4,11 @@
 //! Reconstruction", OpenCV's manual, module calib3d). OpenCV puts the centre of a pixel at whole numbers; points of this
 //! crate's pictures are half a pixel further (see [`crate::image`]), which is taken care of here.
 
-use crate::angle::{self, ONE, Real, Vector, ZERO, divide, ratio, sqrt, unit};
-use crate::geometry::Attitude;
+pub mod attitude;
+pub mod attitude_buffer;
+
+use crate::math::real::{self, ONE, Real, Vector, ZERO, divide, ratio, sqrt, unit};
+use attitude::Attitude;
 use fixed::types::I28F4;
 
 /// Rounds in which distortion is taken out; OpenCV uses 5.
@@ -117,10 +120,10 @@ impl Camera {
     /// # Errors
     /// [`CameraError::Size`], [`CameraError::FieldOfView`].
     pub fn from_field_of_view(width: u32, height: u32, view: Real) -> Result<Self, CameraError> {
-        if view < angle::PI / 180 || view > angle::PI * 17 / 18 {
+        if view < real::PI / 180 || view > real::PI * 17 / 18 {
             return Err(CameraError::FieldOfView);
         }
-        let (sine, cosine) = angle::sin_cos(view / 2);
+        let (sine, cosine) = real::sin_cos(view / 2);
         let half = Real::from_num(width.min(1 << 20)) / 2;
         let focal = divide(half * cosine, sine);
         let camera = Self::new(Intrinsics {
@@ -302,7 +305,7 @@ mod tests {
 
     #[test]
     fn a_field_of_view_states_a_larger_error() {
-        let rough = Camera::from_field_of_view(640, 480, angle::PI / 3).unwrap();
+        let rough = Camera::from_field_of_view(640, 480, real::PI / 3).unwrap();
         assert!((rough.intrinsics().focal[0].to_num::<f64>() - 554.256).abs() < 0.01);
         let exact = camera([0.0; 5]);
         let middle = [ZERO, ZERO, ONE];

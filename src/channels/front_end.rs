@@ -3,14 +3,14 @@
 //! Keeps what [`History`] says of the last frames, measures the background's motion between them, takes the differences
 //! that remain to older frames, and fills the pictures that the scan and the st-cubes read.
 
-use crate::cube::SLICES;
-use crate::history::{FARTHEST, History, Ring};
+use crate::channels::history::{FARTHEST, History, Ring};
+use crate::channels::scale_space::{self, Geometry, Halvings, Picture, Pictures, Pyramid};
 use crate::image::Image;
-use crate::levels::{self, Geometry, Halvings, Picture, Pictures, Pyramid};
-use crate::motion::Slices;
-use crate::pyramid;
+use crate::image::pyramid;
+use crate::registration::warp;
 use crate::registration::{self, LEVELS, Motion};
-use crate::warp;
+use crate::stcube::compensation::Slices;
+use crate::stcube::cube::SLICES;
 
 /// Frames before a frame that its channels depend on, at most; with those of the oldest slice of a cube
 /// [`SLICES`] - 1 more.
@@ -230,7 +230,7 @@ impl FrontEnd {
             }
         }
         observer();
-        levels::build(geometry, levels, &self.halvings(frame, halves, coarse, 0), slot);
+        scale_space::build(geometry, levels, &self.halvings(frame, halves, coarse, 0), slot);
     }
 
     /// The levels of the frame just taken, and the memory that is free until the next one.

@@ -4,8 +4,12 @@
 //! Of the newest frame alone there are four more: intensity and all differences. Cells are computed from pictures where
 //! they are asked for; pictures are all that is kept.
 
-use crate::gradient::{CELL, CellRow, ORIENTATIONS};
+pub mod front_end;
+pub mod history;
+pub mod scale_space;
+
 use crate::image::Image;
+use crate::image::gradient::{CELL, CellRow, ORIENTATIONS};
 
 /// Difference images beside the grey one: tolerant to a frame far back, tolerant and plain to that of the oldest slice.
 pub const DIFFERENCES: usize = 3;

@@ -3,13 +3,13 @@
 //! Targets of every size are looked for with one window: level i shows the frame `2^(i / scales_per_octave)` times
 //! smaller. Levels of the first octave are resampled from the frame, the others are halves of those an octave finer.
 
+use crate::channels::history::History;
 use crate::channels::{Difference, Newest, Slice};
-use crate::cube::{SLICES, WINDOW};
-use crate::gradient::CELL;
-use crate::history::History;
 use crate::image::Image;
-use crate::map::PADDING;
-use crate::pyramid;
+use crate::image::gradient::CELL;
+use crate::image::pyramid;
+use crate::scan::aggregate::PADDING;
+use crate::stcube::cube::{SLICES, WINDOW};
 use core::ops::Range;
 
 /// Most levels.

@@ -1,18 +1,18 @@
 //! The verdict on a candidate: its st-cube, a score, a box (level 7).
 
-use crate::cube::{Cube, SCALARS, SLICES, WINDOW};
-use crate::detection::{Detection, SHIFTS, Shift};
-use crate::fit::Fit;
-use crate::fixed::exp2_q16;
-use crate::front::FrontEnd;
-use crate::gradient::CELL;
+use crate::boxes::Fit;
+use crate::channels::front_end::FrontEnd;
+use crate::channels::scale_space::Pyramid;
+use crate::detector::detection::{Detection, SHIFTS, Shift};
 use crate::image::Rect;
-use crate::levels::Pyramid;
+use crate::image::gradient::CELL;
+use crate::math::fixed::exp2_q16;
 use crate::model::Model;
-use crate::motion::{self, Alignment, Path, Position};
-use crate::scan::Candidate;
-use crate::search::{boxed, window};
-use crate::window_flow;
+use crate::scan::cascade::Candidate;
+use crate::scan::{boxed, window};
+use crate::stcube::compensation::{self, Alignment, Path, Position};
+use crate::stcube::cube::{Cube, SCALARS, SLICES, WINDOW};
+use crate::stcube::window_flow;
 use core::cmp::Reverse;
 use fixed::types::I28F4;
 
@@ -115,7 +115,7 @@ impl Judge<'_> {
         let level = &self.pyramid.level(level);
         let start = Position::centred(centre(&detection.rect), level.level.scale);
         let slices = self.front.slices(level);
-        let path = motion::compensate(&slices, Some(self.model.regressors()), start, cube);
+        let path = compensation::compensate(&slices, Some(self.model.regressors()), start, cube);
         detection.shifts = shifts(&path, level.level.scale);
     }
 
@@ -150,9 +150,9 @@ impl Judge<'_> {
         cube.scalars[2] = u16::from(self.front.registered());
         let slices = self.front.slices(level);
         match self.alignment {
-            Alignment::Background => motion::compensate(&slices, None, start, cube),
+            Alignment::Background => compensation::compensate(&slices, None, start, cube),
             Alignment::Regressors => {
-                motion::compensate(&slices, Some(self.model.regressors()), start, cube)
+                compensation::compensate(&slices, Some(self.model.regressors()), start, cube)
             }
             Alignment::Flow => window_flow::follow(&slices, &self.pyramid.frames(), start, cube),
         }

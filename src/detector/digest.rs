@@ -1,6 +1,6 @@
 //! One number for all detections of a flight, to compare machines by (level 2).
 
-use crate::detection::Detection;
+use crate::detector::detection::Detection;
 use crc::{CRC_64_XZ, Crc, Table};
 
 static CRC: Crc<u64, Table<1>> = Crc::<u64, Table<1>>::new(&CRC_64_XZ);

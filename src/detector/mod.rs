@@ -1,22 +1,27 @@
 //! The detector: frames in, detections out (level 8).
 
-use crate::cube::Cube;
-use crate::front::{FrontEnd, Parts};
-use crate::image::{Image, Rect};
-use crate::judge::{Judge, Judged};
-use crate::levels::Geometry;
-use crate::model::{Method, Model};
-use crate::motion::Alignment;
-use crate::nms;
-use crate::persistence::Persistence;
-use crate::planar::Motion;
-use crate::scan::Candidate;
-use crate::search::{self, Counts, Scratch, nominal, window};
+pub mod classifier;
+pub mod detection;
+pub mod digest;
+pub mod temporal_score;
 
-pub use crate::cube::SLICES;
-pub use crate::detection::{Detection, Shift};
-pub use crate::history::History;
-pub use crate::search::MAX_CANDIDATES;
+use crate::channels::front_end::{FrontEnd, Parts};
+use crate::channels::scale_space::Geometry;
+use crate::image::nms;
+use crate::image::{Image, Rect};
+use crate::model::{Method, Model};
+use crate::registration::global_motion::Motion;
+use crate::scan::cascade::Candidate;
+use crate::scan::{self, Counts, Scratch, nominal, window};
+use crate::stcube::compensation::Alignment;
+use crate::stcube::cube::Cube;
+use classifier::{Judge, Judged};
+use temporal_score::Persistence;
+
+pub use crate::channels::history::History;
+pub use crate::scan::MAX_CANDIDATES;
+pub use crate::stcube::cube::SLICES;
+pub use detection::{Detection, Shift};
 
 /// Most detections of one frame.
 pub const MAX_DETECTIONS: usize = 64;
@@ -111,13 +116,13 @@ impl Config {
     /// Bytes that [`Buffers::bytes`] must have.
     pub const fn bytes_len(&self) -> usize {
         let geometry = self.geometry();
-        let scratch = search::bytes_len(&geometry, self.parallel);
+        let scratch = scan::bytes_len(&geometry, self.parallel);
         FrontEnd::bytes_len(self.width, self.height, &geometry, scratch)
     }
 
     /// Words that [`Buffers::words`] must have.
     pub const fn words_len(&self) -> usize {
-        search::words_len(&self.geometry(), self.parallel)
+        scan::words_len(&self.geometry(), self.parallel)
     }
 
     /// The levels that are searched.
@@ -290,7 +295,7 @@ impl<'m, 'b> Detector<'m, 'b> {
         observer(Stage::Channels);
         let scratch = Scratch { bytes: scratch, words: buffers.words };
         let (candidates, Counts { windows, kept, dropped }) =
-            search::search(model.scan(), &pyramid, config.candidates, config.parallel, scratch);
+            scan::search(model.scan(), &pyramid, config.candidates, config.parallel, scratch);
         observer(Stage::Scan);
         let mut detections = Detections {
             registered: front.registered(),

@@ -3,6 +3,10 @@
 //! Coordinates are continuous: x right, y down, the picture spans `0..width` by `0..height`, and the
 //! centre of pixel (i, j) is at (i + 1/2, j + 1/2).
 
+pub mod gradient;
+pub mod nms;
+pub mod pyramid;
+
 use fixed::types::I28F4;
 
 /// Why pixels do not make an [`Image`].

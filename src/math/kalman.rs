@@ -4,7 +4,7 @@
 //! The state itself is the caller's: one spread serves a vector whose axes are alike. Source: Bar-Shalom, Li, Kirubarajan,
 //! "Estimation with Applications to Tracking and Navigation", 2001, section 6.2.2.
 
-use crate::angle::{Real, ZERO, divide, ratio, sqrt};
+use crate::math::real::{Real, ZERO, divide, ratio, sqrt};
 
 /// Variances are of thousandths (milliradians, or thousandths of a size), to keep their bits.
 pub const MILLI: Real = Real::lit("1000");
@@ -112,7 +112,7 @@ mod tests {
             for (dt, sigma, of_rate) in steps {
                 let variance = Real::from_num(sigma * sigma);
                 let [dt, noise] = [dt, noise].map(Real::from_num);
-                spread.predict(dt, crate::angle::ONE, noise);
+                spread.predict(dt, crate::math::real::ONE, noise);
                 let _ = if of_rate { spread.update_rate(variance) } else { spread.update(variance) };
                 p = naive(p, f(dt), f(noise), usize::from(of_rate), f(variance));
                 let near = |a: Real, b: f64| (f(a) - b).abs() <= 1e-3 * b.abs() + 0.01;

@@ -2,17 +2,17 @@
 //!
 //! Without I/O: a recorded flight, a live one and a board without an operating system run the same code.
 
-use crate::angle::Real;
-use crate::attitudes::Attitudes;
 use crate::camera::Camera;
-use crate::component::parameters::{Parameter, Parameters};
-use crate::component::{Component, Config, Event, Outgoing, Trust};
+use crate::camera::attitude::Attitude;
+use crate::camera::attitude_buffer::Attitudes;
 use crate::detector::Detections;
-use crate::geometry::Attitude;
-use crate::message::{Blind, Health};
-use crate::track;
-use crate::traffic::{MAX_TRAFFIC, Traffic};
-use crate::watch::{Settings, Watch};
+use crate::math::real::Real;
+use crate::mavlink::component::parameters::{Parameter, Parameters};
+use crate::mavlink::component::{Component, Config, Event, Outgoing, Trust};
+use crate::mavlink::messages::{Blind, Health};
+use crate::tracking::tracker;
+use crate::tracking::traffic::{MAX_TRAFFIC, Traffic};
+use crate::tracking::{Settings, Watch};
 use mavlink::MAVLinkMessageRaw;
 
 /// Bits after the point of a quaternion's numbers.
@@ -24,7 +24,7 @@ const EVENTS: usize = 8;
 /// Watches one camera's detections and speaks MAVLink about them.
 #[derive(Debug)]
 pub struct Onboard {
-    tracks: track::Settings,
+    tracks: tracker::Settings,
     watch: Watch,
     attitudes: Attitudes,
     component: Component,
@@ -34,10 +34,10 @@ pub struct Onboard {
 
 impl Onboard {
     /// Has heard and seen nothing yet. `tracks` are the settings for the scores of the model in use
-    /// ([`track::Settings::calibrated`]); `parameters` make them stricter or laxer.
+    /// ([`tracker::Settings::calibrated`]); `parameters` make them stricter or laxer.
     pub fn new(
         camera: Camera,
-        tracks: track::Settings,
+        tracks: tracker::Settings,
         config: Config,
         parameters: Parameters,
         now_us: i64,
@@ -139,7 +139,7 @@ impl Onboard {
 }
 
 /// How tracks are made and judged under these parameters.
-fn settings(tracks: track::Settings, parameters: &Parameters) -> Settings {
+fn settings(tracks: tracker::Settings, parameters: &Parameters) -> Settings {
     let real = |parameter| Real::from(parameters.get(parameter));
     let mut settings = Settings { track: tracks, ..Settings::default() };
     let surer = parameters.get(Parameter::Threshold).to_bits();
@@ -155,20 +155,20 @@ fn settings(tracks: track::Settings, parameters: &Parameters) -> Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::{self, Payload};
+    use crate::mavlink::messages::{self, Payload};
     use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavAutopilot};
 
     #[test]
     fn the_parameters_defaults_are_those_of_the_tracker() {
-        let tracks = track::Settings::default();
+        let tracks = tracker::Settings::default();
         assert_eq!(settings(tracks, &Parameters::default()), Settings::default());
     }
 
     #[test]
     fn the_threshold_moves_the_scores_of_the_model() {
         let (start_score, confirm_score, keep_score) = (-9, -7, -20);
-        let default = track::Settings::default();
-        let tracks = track::Settings { start_score, confirm_score, keep_score, ..default };
+        let default = tracker::Settings::default();
+        let tracks = tracker::Settings { start_score, confirm_score, keep_score, ..default };
         let mut parameters = Parameters::default();
         assert!(parameters.set(Parameter::Threshold, 1.0));
         let moved = settings(tracks, &parameters).track;
@@ -179,11 +179,11 @@ mod tests {
     #[test]
     fn an_autopilot_is_told_of_once() {
         let camera = Camera::from_field_of_view(64, 48, Real::ONE).unwrap();
-        let (tracks, parameters) = (track::Settings::default(), Parameters::default());
+        let (tracks, parameters) = (tracker::Settings::default(), Parameters::default());
         let mut onboard = Onboard::new(camera, tracks, Config::default(), parameters, 0);
         let heartbeat = HEARTBEAT_DATA {
             autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
-            ..message::status::heartbeat(onboard.component().state())
+            ..messages::status::heartbeat(onboard.component().state())
         };
         let frame = MAVLinkMessageRaw::V2(Payload::new(&heartbeat).frame(7, 1, 0, false));
         for now_us in [0, 1_000_000] {

@@ -15,7 +15,7 @@ pub const ONE: u32 = 1 << 16;
 /// A score and what it is worth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Knot {
-    /// Log-odds, Q16, as [`crate::detection::Detection::score`].
+    /// Log-odds, Q16, as [`crate::detector::detection::Detection::score`].
     pub score: i32,
     /// Share of detections of this score or more that are right, Q16, 0 to [`ONE`].
     pub precision: u32,

@@ -5,16 +5,18 @@
 //! (`u32` each), the sections. What the reader was not built for is refused, never guessed. Version 1 ended before
 //! [`Section::Calibration`], version 2 before [`Section::FitFeatures`]: what is missing is read as empty.
 
-use crate::calibration::Calibration;
-use crate::cube::{SLICES, WINDOW};
-use crate::feature::Features;
-use crate::fit::Fit;
-use crate::gradient::{CELL, ORIENTATIONS};
-use crate::history::History;
-use crate::map::MAP_CHANNELS;
-use crate::motion::{Alignment, Regressors};
-use crate::scan;
+pub mod calibration;
+
+use crate::boxes::Fit;
+use crate::channels::history::History;
+use crate::image::gradient::{CELL, ORIENTATIONS};
+use crate::scan::aggregate::MAP_CHANNELS;
+use crate::scan::cascade;
+use crate::stcube::compensation::{Alignment, Regressors};
+use crate::stcube::cube::{SLICES, WINDOW};
+use crate::stcube::feature::Features;
 use crate::trees::{Forest, ForestError};
+use calibration::Calibration;
 
 /// First bytes of a model file.
 pub const MAGIC: [u8; 8] = *b"LOOKOUT\0";
@@ -325,7 +327,7 @@ impl<'m> Model<'m> {
         };
         let provenance = core::str::from_utf8(section(Section::Provenance))
             .map_err(|_| ModelError::Content { section: Section::Provenance })?;
-        let scan = forest(Section::Scan, scan::FEATURES)?;
+        let scan = forest(Section::Scan, cascade::FEATURES)?;
         let patch = features_of(Section::PatchFeatures)?;
         if !patch.of_patch_only() {
             return Err(ModelError::Content { section: Section::PatchFeatures });
@@ -400,7 +402,7 @@ impl<'m> Model<'m> {
         self.provenance
     }
 
-    /// The scan's soft cascade, over the features of [`crate::scan`].
+    /// The scan's soft cascade, over the features of [`crate::scan::cascade`].
     pub fn scan(&self) -> &Forest<'m> {
         &self.scan
     }

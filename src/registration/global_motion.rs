@@ -4,7 +4,7 @@
 //! (Longuet-Higgins & Prazdny 1980; "planar motion"), which need no division for a point and are linear in the
 //! parameters.
 
-use crate::linear;
+use crate::math::linear;
 
 /// Most samples of a fit.
 pub(crate) const MAX_SAMPLES: usize = 300;

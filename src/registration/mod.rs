@@ -6,11 +6,14 @@
 //! A further, local correction does not pay: on `airborne/train` even the best shift of each 32x32 block (which moves
 //! the targets too) lowers the mean difference by 5 % and the tolerant one by nothing.
 
-use crate::flow;
+pub mod global_motion;
+pub mod lucas_kanade;
+pub mod warp;
+
 use crate::image::Image;
-pub use crate::planar::Motion;
-use crate::planar::{MAX_SAMPLES, Sample, fit};
-use crate::pyramid;
+use crate::image::pyramid;
+pub use global_motion::Motion;
+use global_motion::{MAX_SAMPLES, Sample, fit};
 
 /// Levels of the pyramid: a half, a quarter, an eighth of the frame.
 pub const LEVELS: usize = 3;
@@ -114,7 +117,7 @@ pub fn measure(
         for &(x, y) in &corners {
             let (dx, dy) = motion.shift(x, y);
             let guess = (dx >> bits, dy >> bits);
-            let found = flow::track(new[level], old[level], (x >> bits, y >> bits), guess);
+            let found = lucas_kanade::track(new[level], old[level], (x >> bits, y >> bits), guess);
             let Some((dx, dy)) = found else { continue };
             let (dx, dy) = (dx << bits, dy << bits);
             if dx.abs().max(dy.abs()) < MAX_SHIFT {
@@ -168,8 +171,12 @@ fn corners(half: Image<'_>, search: Search) -> heapless::Vec<(i32, i32), MAX_SAM
     for top in (0..half.height()).step_by(height) {
         for left in (0..half.width()).step_by(width) {
             let found = match search {
-                Search::Dense => flow::corner(half, (left, top), (left + width, top + height)),
-                Search::Sparse => flow::block_corner(half, (left + width / 2, top + height / 2)),
+                Search::Dense => {
+                    lucas_kanade::corner(half, (left, top), (left + width, top + height))
+                }
+                Search::Sparse => {
+                    lucas_kanade::block_corner(half, (left + width / 2, top + height / 2))
+                }
             };
             if let Some((x, y)) = found {
                 // The middle of a pixel of the half lies at 2 * (x + 1/2) of the frame.
@@ -183,8 +190,8 @@ fn corners(half: Image<'_>, search: Search) -> heapless::Vec<(i32, i32), MAX_SAM
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::tests::{render, texture};
-    use crate::planar::tests::error;
+    use crate::registration::global_motion::tests::error;
+    use crate::registration::lucas_kanade::tests::{render, texture};
     use proptest::prelude::*;
     use std::vec;
     use std::vec::Vec;

@@ -214,8 +214,8 @@ fn combine([a, b, c]: [&[u8]; 3], out: &mut [u8], f: impl Fn(u8, u8) -> u8) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::tests::{render, texture};
     use crate::registration::Registration;
+    use crate::registration::lucas_kanade::tests::{render, texture};
     use proptest::prelude::*;
     use std::vec;
     use std::vec::Vec;

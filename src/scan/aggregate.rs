@@ -4,7 +4,7 @@
 //! computed from above, a strip of a few rows at a time, with running sums over the square around each cell.
 
 use crate::channels::{Cell, DIFFERENCES, Newest};
-use crate::gradient::ORIENTATIONS;
+use crate::image::gradient::ORIENTATIONS;
 use core::array::from_fn;
 
 /// Bytes of the scan's map for one cell.

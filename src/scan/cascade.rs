@@ -3,8 +3,8 @@
 //! Each weak learner is a small tree over single values of the level's map (Dollar et al. 2014, aggregate channel
 //! features), with a rejection threshold after each tree (Bourdev & Brandt 2005). Map and thresholds are bytes.
 
-use crate::cube::WINDOW;
-use crate::map::{MAP_CHANNELS, PADDING, Strip};
+use crate::scan::aggregate::{MAP_CHANNELS, PADDING, Strip};
+use crate::stcube::cube::WINDOW;
 use crate::trees::Forest;
 
 /// A window that the scan kept.

@@ -2,15 +2,18 @@
 //!
 //! Maps are computed in strips of a few rows and scanned at once: a whole map would be the largest thing in memory.
 
+pub mod aggregate;
+pub mod cascade;
+
 use crate::channels::DIFFERENCES;
-use crate::cube::{SUBCELL, WINDOW};
+use crate::channels::scale_space::{Geometry, Level, Pictures, Pyramid};
 use crate::image::Rect;
-use crate::levels::{Geometry, Level, Pictures, Pyramid};
-use crate::map::{self, Strip};
-use crate::motion::Position;
-use crate::nms;
-use crate::scan::{Candidate, Map};
+use crate::image::nms;
+use crate::stcube::compensation::Position;
+use crate::stcube::cube::{SUBCELL, WINDOW};
 use crate::trees::Forest;
+use aggregate::Strip;
+use cascade::{Candidate, Map};
 use core::cmp::Reverse;
 use fixed::types::I28F4;
 use heapless::binary_heap::{BinaryHeap, Min};
@@ -82,7 +85,7 @@ pub fn boxed(centre: (i32, i32), width: i32, height: i32) -> Rect {
 const fn level_scratch(level: &Level) -> (usize, usize) {
     let columns = level.cells().0;
     if level.active {
-        (map::strip_bytes(columns, STRIP_ROWS), map::strip_words(columns))
+        (aggregate::strip_bytes(columns, STRIP_ROWS), aggregate::strip_words(columns))
     } else {
         (0, 0)
     }
@@ -126,7 +129,7 @@ pub const fn noise_words(levels: &[Level]) -> usize {
     let (mut i, mut words) = (0, 0);
     while i < levels.len() {
         let (columns, rows) = levels[i].cells();
-        words = max(words, map::noise_words(columns, rows));
+        words = max(words, aggregate::noise_words(columns, rows));
         i += 1;
     }
     words
@@ -136,7 +139,7 @@ pub const fn noise_words(levels: &[Level]) -> usize {
 /// [`noise_words`] words.
 pub fn noise(pyramid: &Pyramid<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
     let finest = pyramid.searched().next();
-    finest.map_or([0; DIFFERENCES], |level| map::noise(&level.newest, words))
+    finest.map_or([0; DIFFERENCES], |level| aggregate::noise(&level.newest, words))
 }
 
 const fn max(a: usize, b: usize) -> usize {
@@ -258,7 +261,7 @@ fn scan_level(
         });
     };
     let rows = (STRIP_ROWS, WINDOW - 1);
-    map::strips(&level.newest, noise, rows, scratch.bytes, scratch.words, scan);
+    aggregate::strips(&level.newest, noise, rows, scratch.bytes, scratch.words, scan);
     found
 }
 

@@ -1,12 +1,12 @@
 //! `lookout bench`: how fast the detector is and how much memory it takes.
 
 use super::error::Error;
-use super::flight::FlightArgs;
-use super::interrupt::Ended;
 use super::pipeline::{self, DetectorArgs, Memory, ModelFile};
+use super::replay::flight::FlightArgs;
 use super::replay::print_line;
-use super::scaled::Scaling;
-use super::source::Frame;
+use super::sources::Frame;
+use super::sources::scaled::Scaling;
+use super::support::interrupt::Ended;
 use crate::detector::{Config, Detections, Detector, SLICES, Stage};
 use crate::model::Model;
 use serde::Serialize;

@@ -1,6 +1,6 @@
 //! The command line: verbs and what they take.
 
-use super::{bench, doctor, eval, replay, run, train};
+use super::{bench, doctor, evaluate, live, replay, train};
 use clap::{Parser, Subcommand};
 use std::format;
 
@@ -22,11 +22,11 @@ pub enum Verb {
     /// Find flying objects in a recorded flight, or in a simulated one
     Replay(replay::ReplayArgs),
     /// Watch through a live camera and tell autopilot and ground station, as a service
-    Run(run::RunArgs),
+    Run(live::RunArgs),
     /// Measure accuracy on a folder of clips with ground truth
-    Eval(eval::EvalArgs),
+    Eval(evaluate::EvalArgs),
     /// Measure accuracy of detections in files
-    Score(eval::ScoreArgs),
+    Score(evaluate::ScoreArgs),
     /// Measure speed and memory
     Bench(bench::BenchArgs),
     /// Tell what is missing between the lookout and the autopilot

@@ -1,11 +1,11 @@
 //! What can go wrong in a verb, told in one line: the file, the place, what to do.
 
-use super::clips::ClipsError;
-use super::methods::MethodName;
+use super::formats::clips::ClipsError;
+use super::formats::tlog::TlogError;
+use super::pipeline::methods::MethodName;
 use super::preview::PreviewError;
 use super::simulate::SimulateError;
-use super::source::SourceError;
-use super::tlog::TlogError;
+use super::sources::SourceError;
 use crate::detector;
 use crate::model::ModelError;
 use std::io;

@@ -7,10 +7,10 @@
 //! motion against the background.
 
 use crate::channels::{Newest, Slice};
-use crate::cube::{Cube, Patch, SCALARS, SLICES, SUBCELL, WINDOW};
-use crate::feature::Features;
-use crate::gradient::CELL;
+use crate::image::gradient::CELL;
 use crate::registration::Motion;
+use crate::stcube::cube::{Cube, Patch, SCALARS, SLICES, SUBCELL, WINDOW};
+use crate::stcube::feature::Features;
 use crate::trees::Forest;
 
 /// Fraction bits of what φ_h and φ_v give: cells in Q8.
@@ -83,7 +83,7 @@ pub enum Alignment {
     Background = 0,
     /// The object: Algorithm 1 of the paper.
     Regressors = 1,
-    /// The window's picture, by [`crate::window_flow`]: what the paper compares Algorithm 1 with.
+    /// The window's picture, by [`crate::stcube::window_flow`]: what the paper compares Algorithm 1 with.
     Flow = 2,
 }
 
@@ -213,10 +213,10 @@ pub fn compensate(
 mod tests {
     use super::*;
     use crate::channels::{Difference, MAGNITUDE};
-    use crate::cube::Region;
-    use crate::feature::{Denominator, Feature};
     use crate::image::Image;
-    use crate::planar::{Sample, fit};
+    use crate::registration::global_motion::{Sample, fit};
+    use crate::stcube::cube::Region;
+    use crate::stcube::feature::{Denominator, Feature};
     use crate::trees::{NEVER_REJECT, Node, encode};
     use proptest::prelude::*;
     use std::vec;

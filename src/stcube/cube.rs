@@ -148,7 +148,7 @@ pub struct Cube {
     pub scalars: [u16; SCALARS],
 }
 
-/// Number of scalars of a cube: see [`crate::motion`].
+/// Number of scalars of a cube: see [`crate::stcube::compensation`].
 pub const SCALARS: usize = 16;
 
 impl Cube {

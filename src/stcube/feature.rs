@@ -6,7 +6,7 @@
 //! is compared with a threshold by cross-multiplication.
 
 use crate::channels::MAGNITUDE;
-use crate::cube::{Cube, PATCH_SCALE, Patch, Region, SCALARS, SLICES, WINDOW};
+use crate::stcube::cube::{Cube, PATCH_SCALE, Patch, Region, SCALARS, SLICES, WINDOW};
 
 /// Fraction bits of a ratio.
 pub const RATIO_BITS: u32 = 10;
@@ -213,7 +213,7 @@ impl<'m> Features<'m> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cube::tests::cut;
+    use crate::stcube::cube::tests::cut;
     use proptest::prelude::*;
     use std::vec;
     use std::vec::Vec;

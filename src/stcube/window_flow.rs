@@ -3,11 +3,11 @@
 //! What the paper compares Algorithm 1 with: pyramidal Lucas-Kanade flow says where the picture in the window was a frame
 //! before, from slice to slice. It follows what has structure, which before trees and fields is the background.
 
-use crate::cube::{Cube, SLICES};
-use crate::flow;
 use crate::image::Image;
-use crate::motion::{FIRST_SCALAR, Path, Position, Slices};
-use crate::pyramid;
+use crate::image::pyramid;
+use crate::registration::lucas_kanade;
+use crate::stcube::compensation::{FIRST_SCALAR, Path, Position, Slices};
+use crate::stcube::cube::{Cube, SLICES};
 
 /// Levels of the flow's own pyramid: windows of the target, of the cube, and of twice that.
 const LEVELS: usize = 3;
@@ -97,7 +97,7 @@ fn track(from: &Surroundings, to: &Surroundings) -> (i32, i32) {
     for level in (0..LEVELS).rev() {
         let middle = (SIDE as i32) << 7 >> level;
         let guess = (shift.0 >> level, shift.1 >> level);
-        if let Some((x, y)) = flow::track(from[level], to[level], (middle, middle), guess) {
+        if let Some((x, y)) = lucas_kanade::track(from[level], to[level], (middle, middle), guess) {
             shift = (x << level, y << level);
         }
     }
@@ -145,10 +145,10 @@ pub fn follow(
 mod tests {
     use super::*;
     use crate::channels::{Difference, Newest, Slice};
-    use crate::cube::SUBCELL;
-    use crate::flow::tests::{render, texture};
-    use crate::gradient::CELL;
+    use crate::image::gradient::CELL;
     use crate::registration::Motion;
+    use crate::registration::lucas_kanade::tests::{render, texture};
+    use crate::stcube::cube::SUBCELL;
     use proptest::prelude::*;
     use std::vec::Vec;
 

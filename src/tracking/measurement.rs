@@ -1,12 +1,12 @@
 //! A detection as the tracker takes it: a direction, a size and their errors, in a frame of reference that stands still.
 
-use super::Settings;
-use crate::angle::{ONE, Real, Vector, across, add, divide, exp, ln, norm, ratio, unit};
+use super::tracker::Settings;
 use crate::camera::Camera;
-use crate::detection::{Detection, SHIFTS};
-use crate::geometry::Attitude;
+use crate::camera::attitude::Attitude;
+use crate::detector::detection::{Detection, SHIFTS};
 use crate::image::Rect;
-use crate::kalman::{MAX_VARIANCE, MILLI};
+use crate::math::kalman::{MAX_VARIANCE, MILLI};
+use crate::math::real::{ONE, Real, Vector, across, add, divide, exp, ln, norm, ratio, unit};
 use fixed::types::I28F4;
 
 /// A frame's camera: where it looks, and where it looked before.

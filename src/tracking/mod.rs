@@ -5,17 +5,22 @@
 //! of reference then drifts slowly, and what the camera's own flight adds to the motion of near ground is taken for
 //! turning.
 
-use crate::angle::{ONE, Real, Vector, ZERO, add, cross, norm, ratio};
-use crate::attitudes::Attitudes;
+mod measurement;
+pub mod threat;
+pub mod tracker;
+pub mod traffic;
+
 use crate::camera::Camera;
-use crate::detection::{Detection, SHIFTS};
-use crate::geometry::Attitude;
-use crate::linear;
-use crate::planar::Motion;
-use crate::threat::{self, Judge};
-use crate::track::{self, Tracker, View};
-use crate::traffic::{MAX_TRAFFIC, Traffic};
+use crate::camera::attitude::Attitude;
+use crate::camera::attitude_buffer::Attitudes;
+use crate::detector::detection::{Detection, SHIFTS};
+use crate::math::linear;
+use crate::math::real::{ONE, Real, Vector, ZERO, add, cross, norm, ratio};
+use crate::registration::global_motion::Motion;
 use fixed::types::I28F4;
+use threat::Judge;
+use tracker::{Tracker, View};
+use traffic::{MAX_TRAFFIC, Traffic};
 
 /// A longer time between two frames starts anew, in microseconds.
 const GAP: i64 = 1_000_000;
@@ -27,7 +32,7 @@ const POINTS: i32 = 5;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Settings {
     /// Making and keeping tracks.
-    pub track: track::Settings,
+    pub track: tracker::Settings,
     /// Judging them.
     pub threat: threat::Settings,
 }

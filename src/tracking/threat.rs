@@ -9,11 +9,11 @@
 //!
 //! Metres come from an assumed wingspan, and are no better than that: every range carries its error.
 
-use crate::angle::{ONE, Real, ZERO, add, divide, norm, ratio, sqrt};
 use crate::camera::Camera;
-use crate::geometry::{Attitude, Direction};
-use crate::track::Track;
-use crate::traffic::{Estimate, Level, MAX_TRAFFIC, Traffic};
+use crate::camera::attitude::{Attitude, Direction};
+use crate::math::real::{ONE, Real, ZERO, add, divide, norm, ratio, sqrt};
+use crate::tracking::tracker::Track;
+use crate::tracking::traffic::{Estimate, Level, MAX_TRAFFIC, Traffic};
 use fixed::types::I16F16;
 
 /// Longest time to contact that is told, in seconds.

@@ -3,21 +3,19 @@
 //! A track is a direction in a frame of reference that does not turn with the camera, its rate, the logarithm of the
 //! object's angular size and the growth of that. The growth g is the inverse of the time to contact: at a constant
 //! closing speed it rises by g² a second, which the filter foretells, so that a long memory does not lag. Both pairs are
-//! Kalman filters ([`crate::kalman`]). Detections go to the nearest track within its gate, the nearest pair first, tracks
+//! Kalman filters ([`crate::math::kalman`]). Detections go to the nearest track within its gate, the nearest pair first, tracks
 //! that are confirmed before others; what is left starts tracks. Where detections keep coming, weak ones are many false
 //! ones, so that a track is confirmed only when there were enough of them and their scores say so together.
 
-mod sight;
-
-use crate::angle::{ONE, Real, Vector, ZERO, across, add, divide, exp, ratio, sqrt, unit};
-use crate::calibration::{self, Calibration};
-use crate::detection::Detection;
-use crate::geometry::Attitude;
+use crate::camera::attitude::Attitude;
+use crate::detector::detection::Detection;
 use crate::image::Rect;
-use crate::kalman::{MILLI, Spread};
-use crate::traffic::MAX_TRAFFIC;
-use sight::Sight;
-pub use sight::View;
+use crate::math::kalman::{MILLI, Spread};
+use crate::math::real::{ONE, Real, Vector, ZERO, across, add, divide, exp, ratio, sqrt, unit};
+use crate::model::calibration::{self, Calibration};
+use crate::tracking::measurement::Sight;
+pub use crate::tracking::measurement::View;
+use crate::tracking::traffic::MAX_TRAFFIC;
 
 /// Most detections of a frame that are looked at.
 const MAX_SIGHTS: usize = 64;

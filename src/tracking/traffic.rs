@@ -2,7 +2,7 @@
 //!
 //! The tracker and the judgement of threats fill these in; messages, logs and pages read them. All in fixed point.
 
-pub use crate::geometry::Direction;
+pub use crate::camera::attitude::Direction;
 use crate::image::Rect;
 use fixed::types::I16F16;
 

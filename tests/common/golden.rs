@@ -3,7 +3,7 @@
 use lookout::detector::{Buffers, Config, Detections, Detector, Error};
 use lookout::image::Image;
 use lookout::model::{Model, checksum};
-use lookout::motion::Alignment;
+use lookout::stcube::compensation::Alignment;
 
 /// The model: that of `sections` in `mod.rs`, as a file.
 pub static MODEL: &[u8] = include_bytes!("golden.lkm");

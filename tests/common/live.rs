@@ -1,12 +1,12 @@
 //! A live lookout in a test: a camera that is drawn, faults at will, and somebody on the ground who listens.
 
 use super::golden;
-use lookout::shell::clock::now_us;
-use lookout::shell::interrupt::Control;
-use lookout::shell::run::config::Config;
-use lookout::shell::run::live::{LiveError, LiveSource, Open, Taken};
-use lookout::shell::run::service::{self, Summary};
-use lookout::shell::source::Frame;
+use lookout::shell::live::config::Config;
+use lookout::shell::live::service::{self, Summary};
+use lookout::shell::live::source::{LiveError, LiveSource, Open, Taken};
+use lookout::shell::sources::Frame;
+use lookout::shell::support::clock::now_us;
+use lookout::shell::support::interrupt::Control;
 use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavMessage};
 use mavlink::{MAVLinkV2MessageRaw, MavlinkVersion, Message};
 use std::fs;

@@ -3,12 +3,12 @@
 
 pub mod golden;
 
-use lookout::calibration::Knot;
 use lookout::detector::{Buffers, Config, Detections, Detector, History};
 use lookout::image::Image;
+use lookout::model::calibration::Knot;
 use lookout::model::{self, GEOMETRY, MAGIC, Method, Model, Section, VERSION};
-use lookout::motion::Alignment;
-use lookout::scan;
+use lookout::scan::cascade;
+use lookout::stcube::compensation::Alignment;
 use lookout::trees::NEVER_REJECT;
 
 /// Sections of a model under way.
@@ -134,7 +134,7 @@ pub fn sections() -> Sections {
             vec![60, 20, 0, -60],
         ),
     ];
-    put(Section::Scan, forest(scan::FEATURES as u16, 10, &scan));
+    put(Section::Scan, forest(cascade::FEATURES as u16, 10, &scan));
     // Magnitude of the halves of a patch against the whole of it: towards where there is more of it.
     let halves: [[u8; 8]; 4] = [
         [1, 6, 0, 5, 0, 10, 0, 1],

@@ -5,10 +5,10 @@ mod browser;
 mod hostile;
 mod page;
 
-use lookout::message::Blind;
+use lookout::mavlink::messages::Blind;
 use lookout::shell::preview::snapshot::{Health, Latency, Link, Picture, State, Track};
 use lookout::shell::preview::{Preview, PreviewError, Snapshot};
-use lookout::traffic::Level;
+use lookout::tracking::traffic::Level;
 use serde_json::{Value, json};
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};

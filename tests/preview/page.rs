@@ -2,7 +2,7 @@
 
 use super::browser::Browser;
 use super::{picture, quiet, start, warning};
-use lookout::message::Blind;
+use lookout::mavlink::messages::Blind;
 use lookout::shell::preview::snapshot::State;
 use lookout::shell::preview::{Preview, Snapshot};
 use serde_json::{Value, json};
@@ -181,7 +181,7 @@ fn the_page_says_what_was_published() {
         fits(&mut browser, name);
     }
     let mut caution = warning(0);
-    caution.level = lookout::traffic::Level::Caution;
+    caution.level = lookout::tracking::traffic::Level::Caution;
     caution.tracks[1].level = caution.level;
     lookout.show(caution);
     browser.reads("level", "Caution");

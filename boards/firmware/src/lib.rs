@@ -6,13 +6,13 @@ mod feed;
 
 use feed::Feed;
 use lookout::camera::Camera;
-use lookout::component::Trust;
-use lookout::component::parameters::Parameters;
+use lookout::mavlink::component::Trust;
+use lookout::mavlink::component::parameters::Parameters;
 use lookout::detector::{self, Buffers, Config, Detections, Detector, Stage};
 use lookout::image::Image;
 use lookout::model::{Method, Model, ModelError};
-use lookout::onboard::Onboard;
-use lookout::track;
+use lookout::mavlink::lookout::Onboard;
+use lookout::tracking::tracker;
 use mavlink::MavlinkReader;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -85,7 +85,7 @@ impl Firmware {
         let Memory { bytes, words } = MEMORY.take();
         let buffers = Buffers { bytes, words };
         let detector = Detector::new(&model, CONFIG, buffers).map_err(Error::Memory)?;
-        let tracks = track::Settings::calibrated(model.calibration());
+        let tracks = tracker::Settings::calibrated(model.calibration());
         let firmware = FIRMWARE.init_with(|| Self {
             detector,
             onboard: Onboard::new(camera, tracks, Default::default(), Parameters::default(), now_us),

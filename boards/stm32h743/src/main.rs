@@ -26,7 +26,7 @@ use embassy_time::{Duration, Instant, Timer};
 use embedded_io::Write;
 use firmware::{CONFIG, Firmware, TICK_US};
 use frames::Frame;
-use lookout::angle::{PI, Real};
+use lookout::math::real::{PI, Real};
 use lookout::image::Image;
 use panic_reset as _;
 use static_cell::{ConstStaticCell, StaticCell};

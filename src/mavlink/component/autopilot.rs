@@ -2,7 +2,7 @@
 
 use super::clock::Clock;
 use super::{Component, Destination, Event, Sender};
-use crate::message::{Payload, Vehicle, angle};
+use crate::mavlink::messages::{Payload, Vehicle, angle};
 use fixed::types::{I2F30, I8F24};
 use mavlink::dialects::ardupilotmega::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, MavCmd,

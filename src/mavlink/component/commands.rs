@@ -5,7 +5,7 @@
 //! Source: <https://mavlink.io/en/services/command.html>.
 
 use super::{Component, Destination, Sender};
-use crate::message::{Payload, status};
+use crate::mavlink::messages::{Payload, status};
 use fixed::types::{I16F16, I48F16};
 use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavMessage};
 use mavlink::error::ParserError;

@@ -13,10 +13,10 @@ mod streams;
 pub use autopilot::Autopilot;
 pub use clock::Clock;
 
-use crate::message::status::State;
-use crate::message::text::Alerts;
-use crate::message::{Health, Payload, Vehicle};
-use crate::traffic::{Level, MAX_TRAFFIC, Traffic};
+use crate::mavlink::messages::status::State;
+use crate::mavlink::messages::text::Alerts;
+use crate::mavlink::messages::{Health, Payload, Vehicle};
+use crate::tracking::traffic::{Level, MAX_TRAFFIC, Traffic};
 use commands::{Fields, Follow};
 use fixed::types::I16F16;
 use mavlink::dialects::ardupilotmega::{

@@ -2,8 +2,8 @@
 
 use super::parameters::Parameter;
 use super::{Component, Destination};
-use crate::message::{self, Payload, adsb, obstacle, status};
-use crate::traffic::{Level, Traffic};
+use crate::mavlink::messages::{self, Payload, adsb, obstacle, status};
+use crate::tracking::traffic::{Level, Traffic};
 use fixed::types::I16F16;
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{
@@ -282,9 +282,9 @@ impl Component {
         }
         let blind = match self.state {
             status::State::Blind(reasons) => reasons,
-            _ => message::Blind::NO,
+            _ => messages::Blind::NO,
         };
-        let words = message::text::sight(self.state == status::State::Stalled, blind);
+        let words = messages::text::sight(self.state == status::State::Stalled, blind);
         self.say(Destination::All, self.config.component_id, true, &words);
         self.told = (self.state, if good { bad_us } else { Some(now_us) });
     }

@@ -4,7 +4,7 @@
 //! is sent without a range, since both messages speak of places.
 
 use super::{Vehicle, angle};
-use crate::traffic::{Level, Traffic};
+use crate::tracking::traffic::{Level, Traffic};
 use core::fmt::Write;
 use fixed::types::I16F16;
 use mavlink::dialects::ardupilotmega::{
@@ -35,7 +35,10 @@ pub fn callsign(track: u16) -> heapless::String<8> {
 }
 
 /// Metres in Q16 along north, east, down (or body axes), of a direction and a distance.
-pub(super) fn offset_q16(direction: &crate::traffic::Direction, range: I16F16) -> [i64; 3] {
+pub(super) fn offset_q16(
+    direction: &crate::tracking::traffic::Direction,
+    range: I16F16,
+) -> [i64; 3] {
     let range = i64::from(range.to_bits());
     [direction.x, direction.y, direction.z].map(|d| (range * i64::from(d.to_bits())) >> 30)
 }
@@ -133,8 +136,8 @@ pub fn collision(traffic: &Traffic) -> Option<COLLISION_DATA> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::tests::{any_traffic, own, traffic};
-    use crate::traffic::Estimate;
+    use crate::mavlink::messages::tests::{any_traffic, own, traffic};
+    use crate::tracking::traffic::Estimate;
     use proptest::prelude::*;
 
     #[test]

@@ -94,7 +94,7 @@ pub struct Health {
 pub(crate) mod tests {
     use super::*;
     use crate::image::Rect;
-    use crate::traffic::{Direction, Estimate, Level, Traffic};
+    use crate::tracking::traffic::{Direction, Estimate, Level, Traffic};
     use fixed::types::{I2F30, I16F16, I28F4};
     use proptest::prelude::*;
 

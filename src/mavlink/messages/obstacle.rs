@@ -5,7 +5,7 @@
 
 use super::adsb::offset_q16;
 use super::angle;
-use crate::traffic::Traffic;
+use crate::tracking::traffic::Traffic;
 use fixed::types::I16F16;
 use mavlink::dialects::ardupilotmega::{
     MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA,
@@ -111,7 +111,7 @@ fn three_d(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::tests::{any_traffic, direction, metres, traffic};
+    use crate::mavlink::messages::tests::{any_traffic, direction, metres, traffic};
     use proptest::prelude::*;
 
     fn at(bearing: f64, elevation: f64, range: i32) -> Traffic {

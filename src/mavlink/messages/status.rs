@@ -1,7 +1,7 @@
 //! The lookout about itself: HEARTBEAT, health, versions, and the box on the video.
 
 use super::{Blind, Health};
-use crate::traffic::Traffic;
+use crate::tracking::traffic::Traffic;
 use fixed::types::I16F16;
 use mavlink::dialects::ardupilotmega::{
     AUTOPILOT_VERSION_DATA, CAMERA_INFORMATION_DATA, CAMERA_TRACKING_IMAGE_STATUS_DATA,
@@ -218,7 +218,7 @@ pub fn image(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::tests::{any_traffic, traffic};
+    use crate::mavlink::messages::tests::{any_traffic, traffic};
     use proptest::prelude::*;
 
     #[test]

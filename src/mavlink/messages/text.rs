@@ -4,7 +4,7 @@
 //! Every text costs attention, so an aircraft gets a new one only when it has become more urgent.
 
 use super::{Blind, adsb, angle};
-use crate::traffic::{Level, Traffic};
+use crate::tracking::traffic::{Level, Traffic};
 use core::fmt::Write;
 use mavlink::dialects::ardupilotmega::{MavSeverity, STATUSTEXT_DATA};
 use mavlink::types::CharArray;
@@ -161,8 +161,8 @@ impl Alerts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::tests::{any_traffic, direction, metres, traffic};
-    use crate::traffic::Estimate;
+    use crate::mavlink::messages::tests::{any_traffic, direction, metres, traffic};
+    use crate::tracking::traffic::Estimate;
     use fixed::types::I16F16;
     use proptest::prelude::*;
 

@@ -3,7 +3,7 @@
 use super::parameters::{self, Check, Purpose};
 use super::probe::Probe;
 use super::timing::{Rate, Sync};
-use crate::message::Payload;
+use crate::mavlink::messages::Payload;
 use mavlink::dialects::ardupilotmega::{
     AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage,
     MavModeFlag, MavState, MavType, PARAM_REQUEST_READ_DATA,

@@ -3,18 +3,19 @@
 mod examination;
 mod parameters;
 mod probe;
+mod timing;
+
 #[cfg(test)]
 mod tests;
-mod timing;
 
 pub use examination::{COMPONENT, Examination, Finding, Mark};
 pub use parameters::Purpose;
 
 use super::error::Error;
-use super::interrupt::{self, Ended};
 use super::link::{LinkSpec, Links};
 use super::replay::print_line;
-use crate::component::{Destination, Outgoing};
+use super::support::interrupt::{self, Ended};
+use crate::mavlink::component::{Destination, Outgoing};
 use std::format;
 use std::string::{String, ToString};
 use std::time::{Duration, Instant};

@@ -4,7 +4,7 @@
 //! PX4 tells what it made of it as OBSTACLE_DISTANCE.
 
 use super::examination::{Finding, Mark};
-use crate::message::Payload;
+use crate::mavlink::messages::Payload;
 use mavlink::dialects::ardupilotmega::{
     MavAutopilot, MavDistanceSensor, MavFrame, MavMessage, MavSensorOrientation,
     MavSysStatusSensor, OBSTACLE_DISTANCE_DATA,

@@ -1,7 +1,7 @@
 //! Examinations of simulated autopilots.
 
 use super::*;
-use crate::message::Payload;
+use crate::mavlink::messages::Payload;
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::{MAVLinkMessageRaw, MavHeader};
 use std::collections::BTreeMap;

@@ -1,7 +1,7 @@
 //! How often messages come, and how well the autopilot's clock is known.
 
 use super::examination::{Finding, Mark};
-use crate::message::Payload;
+use crate::mavlink::messages::Payload;
 use mavlink::dialects::ardupilotmega::TIMESYNC_DATA;
 use std::collections::VecDeque;
 use std::format;

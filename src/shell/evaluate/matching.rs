@@ -5,8 +5,8 @@
 //! reaches the threshold. Birds, targets cut by the frame's edge and targets too small are ignored: a detection with half of its area
 //! on one counts neither way.
 
-use super::clips::{GroundTruth, TruthBox};
 use super::ranking::{Outcome, surest_first};
+use crate::shell::formats::clips::{GroundTruth, TruthBox};
 use std::collections::BTreeMap;
 use std::format;
 use std::string::String;

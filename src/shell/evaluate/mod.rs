@@ -1,21 +1,26 @@
 //! `lookout eval`: accuracy on a folder of clips, with a report if wanted. `lookout score`: the same for detections that are there already.
 
-use super::clips::{self, Clip, TruthBox};
-use super::detections::{self, TextFile};
+pub mod matching;
+pub mod ranking;
+pub mod report;
+pub mod score;
+pub mod track_metrics;
+
 use super::error::Error;
-use super::interrupt::{self, Ended};
-use super::methods::MethodName;
-use super::parallel;
+use super::formats::clips::{self, Clip, TruthBox};
+use super::formats::detections::{self, TextFile};
+use super::pipeline::methods::MethodName;
 use super::pipeline::{self, DetectorArgs, ModelFile};
 use super::replay::print_line;
-use super::report::{self, IOUS, Plan, ReportArgs, Seen};
-use super::score::{self, Found, Report, Scorer, WARMUP};
-use super::source::{self, Frame, FrameSource, SourceError};
-use super::tracks::{self, ClipWatch, Figures};
+use super::sources::{self, Frame, FrameSource, SourceError};
+use super::support::interrupt::{self, Ended};
+use super::support::parallel;
 use crate::detector::Detections;
 use crate::model::Model;
-use crate::track;
-use crate::watch::Settings;
+use crate::tracking::Settings;
+use crate::tracking::tracker;
+use report::{IOUS, Plan, ReportArgs, Seen};
+use score::{Found, Report, Scorer, WARMUP};
 use serde::Serialize;
 use std::boxed::Box;
 use std::cell::Cell;
@@ -24,6 +29,7 @@ use std::string::{String, ToString};
 use std::time::Instant;
 use std::vec::Vec;
 use std::{eprintln, format, fs};
+use track_metrics::{ClipWatch, Figures};
 
 /// Which clips.
 #[derive(Debug, Clone, clap::Args)]
@@ -62,7 +68,7 @@ impl SplitArgs {
         clip: &'a Clip,
         model: Option<&Model<'_>>,
     ) -> Result<Option<ClipWatch<'a>>, Error> {
-        let track = model.map(|model| track::Settings::calibrated(model.calibration()));
+        let track = model.map(|model| tracker::Settings::calibrated(model.calibration()));
         let settings = Settings { track: track.unwrap_or_default(), ..Settings::default() };
         let watch = || ClipWatch::new(clip, !self.no_attitude, settings);
         self.tracks.then(watch).transpose()
@@ -111,7 +117,7 @@ struct ClipResult {
     times_ms: Vec<f64>,
     /// What a report needs beside.
     seen: Option<Seen>,
-    tracks: Option<tracks::ClipResult>,
+    tracks: Option<track_metrics::ClipResult>,
 }
 
 /// What the scan did, summed over frames.
@@ -322,7 +328,7 @@ fn run_clip(
     let input = format!("{}", clip.input.display());
     let mut result = ClipResult::default();
     let delivered = Cell::new(Instant::now());
-    let mut source = Stamped { source: source::open(&input)?, delivered: &delivered };
+    let mut source = Stamped { source: sources::open(&input)?, delivered: &delivered };
     let path = run.out.as_deref().map(|out| report::path_of(out, clip));
     let mut file = path.as_deref().map(TextFile::create).transpose()?;
     let lines = path.as_deref().map(|path| path.with_extension("jsonl"));

@@ -1,11 +1,11 @@
 //! Accuracy of judged clips: all clips together give one precision-recall curve (all-point interpolation), by the rules of the
 //! project's independent scorer.
 
-pub use super::judge::{Box4, Found, WARMUP, must_be_found};
+pub use super::matching::{Box4, Found, WARMUP, must_be_found};
 
-use super::clips::GroundTruth;
-use super::judge::{self, CLASSES, Judged, SIZES, Verdict, class, size};
+use super::matching::{self, CLASSES, Judged, SIZES, Verdict, class, size};
 use super::ranking::{ClipCount, Outcome, Ranking};
+use crate::shell::formats::clips::GroundTruth;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::fmt;
 use std::string::String;
@@ -49,7 +49,7 @@ impl Scorer {
 
     /// Judges a clip and adds it. The result depends on the order of clips only where scores are equal.
     pub fn add_clip(&mut self, truth: &GroundTruth, found: &[Found]) {
-        self.add_judged(&judge::judge(truth, found, self.iou, self.warmup));
+        self.add_judged(&matching::judge(truth, found, self.iou, self.warmup));
     }
 
     /// Adds a clip that was judged at the same intersection over union.
@@ -96,7 +96,11 @@ impl Scorer {
                 curve.iter().filter(|c| c.precision >= p).map(|c| c.recall).fold(0.0, f64::max)
             }),
             recall_at_false_alarms: FALSE_ALARMS.map(|n| ranking.recall_at(&all, n)),
-            by_size: sizes.iter().enumerate().map(|(i, t)| share(judge::size_name(i), t)).collect(),
+            by_size: sizes
+                .iter()
+                .enumerate()
+                .map(|(i, t)| share(matching::size_name(i), t))
+                .collect(),
             by_class: CLASSES
                 .iter()
                 .zip(&classes)

@@ -1,17 +1,17 @@
 //! How good tracks and warnings are, by the truth of the flights.
 
-use super::camera::{CameraFile, number};
-use super::clips::{Clip, TruthBox};
-use super::error::Error;
 use super::score::{WARMUP, must_be_found};
-use super::truth::{self, FrameTruth};
-use crate::angle::Real;
-use crate::attitudes::Attitudes;
-use crate::detection::Detection;
-use crate::geometry::Attitude;
-use crate::planar::Motion;
-use crate::traffic::{Level, Traffic};
-use crate::watch::{Settings, Watch};
+use crate::camera::attitude::Attitude;
+use crate::camera::attitude_buffer::Attitudes;
+use crate::detector::detection::Detection;
+use crate::math::real::Real;
+use crate::registration::global_motion::Motion;
+use crate::shell::error::Error;
+use crate::shell::formats::camera_file::{CameraFile, number};
+use crate::shell::formats::clips::{Clip, TruthBox};
+use crate::shell::formats::truth::{self, FrameTruth};
+use crate::tracking::traffic::{Level, Traffic};
+use crate::tracking::{Settings, Watch};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;

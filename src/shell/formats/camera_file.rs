@@ -1,9 +1,9 @@
 //! Camera files: OpenCV and ROS calibrations (YAML), and the flights' own `camera.json`.
 
-use super::error::Error;
-use crate::angle::{PI, Real};
+use crate::camera::attitude::Attitude;
 use crate::camera::{Camera, Intrinsics};
-use crate::geometry::Attitude;
+use crate::math::real::{PI, Real};
+use crate::shell::error::Error;
 use serde::{Deserialize, Serialize};
 use std::borrow::ToOwned;
 use std::path::{Path, PathBuf};

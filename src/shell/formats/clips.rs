@@ -1,6 +1,6 @@
 //! Recorded flights with ground truth: a folder of clips, each with frames and MOTChallenge boxes.
 
-use crate::shell::source::{has_extension, is_picture};
+use crate::shell::sources::{has_extension, is_picture};
 use std::borrow::ToOwned;
 use std::format;
 use std::fs;
@@ -16,7 +16,7 @@ pub struct Clip {
     pub name: String,
     /// The folder.
     pub directory: PathBuf,
-    /// Its video, or the folder with its pictures; for [`super::source::open`].
+    /// Its video, or the folder with its pictures; for [`crate::shell::sources::open`].
     pub input: PathBuf,
     /// The boxes of `gt.txt`.
     pub ground_truth: GroundTruth,

@@ -3,14 +3,14 @@
 //! Numbers are printed from the detector's integers: boxes exactly (sixteenths have four decimals), scores with six decimals, which
 //! keep all scores apart. A frame is written in one piece, so that a run that is cut off leaves whole lines.
 
-use super::error::Error;
-use super::score::Found;
 use super::traffic::{self, TrafficLine};
-use crate::detection::{SHIFTS, Shift};
+use crate::detector::detection::{SHIFTS, Shift};
 use crate::detector::{Detection, Detections, MAX_DETECTIONS};
 use crate::image::Rect;
-use crate::planar::Motion;
-use crate::traffic::Traffic;
+use crate::registration::global_motion::Motion;
+use crate::shell::error::Error;
+use crate::shell::evaluate::score::Found;
+use crate::tracking::traffic::Traffic;
 use core::fmt;
 use fixed::types::I28F4;
 use serde::{Deserialize, Serialize};
@@ -130,7 +130,7 @@ struct FrameLine {
     kept: u32,
     dropped: u32,
     registered: bool,
-    /// [`crate::planar::Motion::parameters`].
+    /// [`crate::registration::global_motion::Motion::parameters`].
     motion: [i32; 8],
     detections: Vec<DetectionLine>,
     /// What is followed, where something is.

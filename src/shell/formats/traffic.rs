@@ -1,6 +1,6 @@
 //! Traffic as JSON and in words.
 
-use crate::traffic::{Direction, Estimate, Level, Traffic};
+use crate::tracking::traffic::{Direction, Estimate, Level, Traffic};
 use serde::Serialize;
 use std::string::String;
 use std::{format, vec::Vec};
@@ -67,7 +67,7 @@ pub fn name(level: Level) -> &'static str {
 
 /// `track 3 rises to warning: 2.1 right, 0.4 up, contact in 4.5 s (+-0.8), range about 21 m (+-15)`.
 pub fn in_words(t: &Traffic) -> String {
-    let degrees = |v: crate::angle::Real| v.to_num::<f64>().to_degrees();
+    let degrees = |v: crate::math::real::Real| v.to_num::<f64>().to_degrees();
     let (right, up) = (degrees(t.body.azimuth()), degrees(t.body.elevation()));
     let estimate = |e: Estimate, digits: usize| {
         let [value, sigma] = [e.value, e.sigma].map(|v| v.to_num::<f64>());

@@ -1,6 +1,6 @@
 //! What was true in a recorded or simulated flight: `truth.csv`.
 
-use super::error::Error;
+use crate::shell::error::Error;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::string::String;

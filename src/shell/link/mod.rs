@@ -4,7 +4,6 @@
 //! pauses; a link that dies takes nothing else down. What is sent goes to all links, or to the one it is meant for; what
 //! arrives is not forwarded. Only MAVLink 2 is sent: MAVLink 1 would cut off the frame of OBSTACLE_DISTANCE.
 
-pub mod atomic;
 pub mod budget;
 pub mod params;
 mod queue;
@@ -15,8 +14,8 @@ mod worker;
 
 pub use spec::LinkSpec;
 
-use crate::component::{Destination, Outgoing, Trust};
-use crate::shell::histogram::Histogram;
+use crate::mavlink::component::{Destination, Outgoing, Trust};
+use crate::shell::support::histogram::Histogram;
 use budget::Budget;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, consts};
@@ -36,7 +35,7 @@ const HEARD: usize = 1024;
 pub struct Inbound {
     /// Index of the link it came over.
     pub link: u8,
-    /// When it came, by [`crate::shell::clock::now_us`].
+    /// When it came, by [`crate::shell::support::clock::now_us`].
     pub time_us: i64,
     /// What its signature is worth.
     pub trust: Trust,

@@ -1,7 +1,7 @@
 //! Parameters that were set from afar, kept over a restart: a text file, a line `NAME VALUE` each.
 
-use super::atomic;
-use crate::component::parameters::{Parameter, Parameters};
+use crate::mavlink::component::parameters::{Parameter, Parameters};
+use crate::shell::support::atomic_file;
 use std::fmt::Write;
 use std::path::Path;
 use std::string::String;
@@ -52,7 +52,7 @@ pub fn save(path: &Path, parameters: &Parameters) -> io::Result<()> {
         // The shortest digits that give the same number again.
         let _ = writeln!(text, "{} {}", parameter.name(), parameters.wire(parameter));
     }
-    atomic::write(path, text.as_bytes())
+    atomic_file::write(path, text.as_bytes())
 }
 
 #[cfg(test)]

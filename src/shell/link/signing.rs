@@ -5,7 +5,7 @@
 //! board whose clock starts in the past: a minute ahead of what is used stands in a file.
 //! Source: <https://mavlink.io/en/guide/message_signing.html>.
 
-use crate::component::Trust;
+use crate::mavlink::component::Trust;
 use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, consts};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -94,7 +94,7 @@ impl Signing {
     fn promise(&mut self) -> io::Result<()> {
         let ahead = (self.time + MINUTE).min(LAST);
         if let Some(file) = &self.file {
-            super::atomic::write(file, ahead.to_string().as_bytes())?;
+            crate::shell::support::atomic_file::write(file, ahead.to_string().as_bytes())?;
         }
         self.promised = ahead;
         Ok(())
@@ -153,7 +153,7 @@ impl Signing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::Payload;
+    use crate::mavlink::messages::Payload;
     use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, SYSTEM_TIME_DATA};
 
     const KEY: [u8; 32] = [7; 32];

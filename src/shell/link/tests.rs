@@ -1,6 +1,7 @@
 use super::*;
-use crate::component::{Component, Config, parameters::Parameters};
-use crate::message::Payload;
+use crate::mavlink::component::parameters::Parameters;
+use crate::mavlink::component::{Component, Config};
+use crate::mavlink::messages::Payload;
 use mavlink::MavlinkReader;
 use mavlink::dialects::ardupilotmega::{MavMessage, SYSTEM_TIME_DATA};
 use proptest::prelude::*;

@@ -1,10 +1,10 @@
 //! The thread that takes frames, and opens the source again when it is gone.
 
 use super::config::Config;
-use super::live::{LiveError, Open};
 use super::mailbox::{Mailbox, Pool};
+use super::source::{LiveError, Open};
 use crate::shell::link::Inbound;
-use crate::shell::source::SourceError;
+use crate::shell::sources::SourceError;
 use crossbeam_channel::Sender;
 use std::string::{String, ToString};
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};

@@ -1,8 +1,8 @@
 //! The settings of `lookout run`: a TOML file, checked against the table of keys.
 
 use super::keys::{self, KEYS};
-use crate::shell::camera::{CameraArgs, CameraFile};
 use crate::shell::error::Error;
+use crate::shell::formats::camera_file::{CameraArgs, CameraFile};
 use crate::shell::link::LinkSpec;
 use serde::Deserialize;
 use std::collections::BTreeMap;

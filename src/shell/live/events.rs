@@ -5,16 +5,16 @@
 use super::ring::Ring;
 use super::worker::Seen;
 use super::writer::Writer;
-use crate::cube::SLICES;
 use crate::image::Rect;
-use crate::onboard::Onboard;
-use crate::shell::clock;
-use crate::shell::detections;
-use crate::shell::judge::Box4;
-use crate::shell::source::Frame;
-use crate::shell::strip;
-use crate::shell::traffic;
-use crate::traffic::{Level, Traffic};
+use crate::mavlink::lookout::Onboard;
+use crate::shell::evaluate::matching::Box4;
+use crate::shell::formats::detections;
+use crate::shell::formats::traffic;
+use crate::shell::pictures::strip;
+use crate::shell::sources::Frame;
+use crate::shell::support::clock;
+use crate::stcube::cube::SLICES;
+use crate::tracking::traffic::{Level, Traffic};
 use mavlink::dialects::ardupilotmega::MavMessage;
 use mavlink::{MAVLinkV2MessageRaw, MavlinkVersion, Message};
 use serde::Serialize;
@@ -168,7 +168,7 @@ impl Events {
         number: u64,
     ) -> Alert {
         let frame_us = seen.frame.time_us;
-        let degrees = |angle: crate::angle::Real| angle.to_num::<f64>().to_degrees();
+        let degrees = |angle: crate::math::real::Real| angle.to_num::<f64>().to_degrees();
         let attitude = onboard.attitude(frame_us);
         let line = detections::json_line(number, frame_us, &seen.found, Some(tracks));
         let Rect { x, y, width, height } = track.rect;

@@ -6,8 +6,8 @@
 //! Measured on all development flights (tests/sight.rs): the steepest tenth of the edges rises by 9 to 16 sixteenths
 //! within two pixels, by 6 to 8 out of focus by a standard deviation of 2 pixels, 5 to 7 by 3, 4 to 5 by 5.
 
-use crate::message::Blind;
-use crate::shell::source::Frame;
+use crate::mavlink::messages::Blind;
+use crate::shell::sources::Frame;
 use std::sync::Arc;
 
 /// Pixels below this grey are dark, those from this one on are white.

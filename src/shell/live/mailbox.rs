@@ -1,6 +1,6 @@
 //! Room for one frame: the newest one waits, an older one gives way and is counted.
 
-use crate::shell::source::Frame;
+use crate::shell::sources::Frame;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;

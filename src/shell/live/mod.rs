@@ -1,11 +1,10 @@
 //! `lookout run`: a live camera and live links, as a service.
 
-mod camera;
 pub mod capture;
 pub mod config;
 mod events;
+pub mod image_health;
 pub mod keys;
-pub mod live;
 mod mailbox;
 mod notify;
 mod outputs;
@@ -13,14 +12,15 @@ mod paced;
 mod record;
 mod ring;
 pub mod service;
-pub mod sight;
+pub mod source;
 mod stages;
+mod v4l2;
 mod worker;
 mod writer;
 
 use super::error::Error;
-use super::interrupt::{self, Ended};
 use super::replay::print_line;
+use super::support::interrupt::{self, Ended};
 use config::Config;
 use std::path::PathBuf;
 use std::string::ToString;
@@ -47,7 +47,7 @@ pub fn run(args: &RunArgs) -> Result<Ended, Error> {
         return Ok(Ended::Complete);
     };
     let control = interrupt::watch_service()?;
-    let summary = service::run(config.clone(), &|| Config::read(path), &control, &live::open)?;
+    let summary = service::run(config.clone(), &|| Config::read(path), &control, &source::open)?;
     print_line(summary.to_string().trim_end())?;
     Ok(Ended::Complete)
 }

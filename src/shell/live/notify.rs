@@ -2,7 +2,7 @@
 //!
 //! Source of the protocol: sd_notify(3), datagrams of `NAME=VALUE` lines to the socket named by NOTIFY_SOCKET.
 
-use crate::shell::clock::now_us;
+use crate::shell::support::clock::now_us;
 use std::env;
 use std::format;
 #[cfg(unix)]

@@ -6,14 +6,14 @@ use super::events::Events;
 use super::keys::Key;
 use super::record::Recorder;
 use super::worker::Seen;
-use crate::message::Blind;
-use crate::message::status::State;
-use crate::onboard::Onboard;
-use crate::shell::camera::CameraFile;
+use crate::mavlink::lookout::Onboard;
+use crate::mavlink::messages::Blind;
+use crate::mavlink::messages::status::State;
 use crate::shell::error::Error;
+use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::link::{Inbound, Links};
 use crate::shell::preview::{Preview, Snapshot, snapshot};
-use crate::traffic::Traffic;
+use crate::tracking::traffic::Traffic;
 use mavlink::MAVLinkV2MessageRaw;
 use std::format;
 use std::string::String;
@@ -155,7 +155,7 @@ impl Outputs {
         let Condition { state, blind, camera, frames, latency } = condition;
         if state == State::Stalled {
             shown.tracks.clear();
-            shown.level = crate::traffic::Level::None;
+            shown.level = crate::tracking::traffic::Level::None;
         }
         let size = onboard.camera().intrinsics();
         let words = match &camera {

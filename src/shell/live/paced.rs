@@ -1,11 +1,11 @@
 //! A recorded or simulated flight as if it were flown now.
 
-use super::live::{LiveError, LiveSource, Taken};
-use crate::component::Trust;
-use crate::shell::clock::now_us;
+use super::source::{LiveError, LiveSource, Taken};
+use crate::mavlink::component::Trust;
 use crate::shell::link::Inbound;
 use crate::shell::simulate::Telemetry;
-use crate::shell::source::{Frame, FrameSource, SourceError};
+use crate::shell::sources::{Frame, FrameSource, SourceError};
+use crate::shell::support::clock::now_us;
 use crossbeam_channel::Sender;
 use mavlink::MAVLinkMessageRaw;
 use std::boxed::Box;

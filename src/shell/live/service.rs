@@ -5,26 +5,26 @@
 
 use super::capture::{Camera, Capture};
 use super::config::Config;
-use super::live::{self, Open};
 use super::notify::Notify;
 use super::outputs::{Condition, Outputs};
+use super::source::{self, Open};
 use super::stages::Stages;
 use super::worker::{self, Seen};
-use crate::component;
-use crate::component::parameters::Parameters;
-use crate::digest::Digest;
-use crate::message::Blind;
-use crate::message::status::State;
-use crate::onboard::Onboard;
-use crate::shell::camera::CameraFile;
-use crate::shell::clock::now_us;
+use crate::detector::digest::Digest;
+use crate::mavlink::component;
+use crate::mavlink::component::parameters::Parameters;
+use crate::mavlink::lookout::Onboard;
+use crate::mavlink::messages::Blind;
+use crate::mavlink::messages::status::State;
 use crate::shell::error::Error;
-use crate::shell::histogram::Histogram;
-use crate::shell::interrupt::Control;
+use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::link::{Inbound, LinkSpec, Links, params};
 use crate::shell::pipeline::{self, DetectorArgs, ModelFile};
-use crate::shell::telemetry::{self, signing_with};
-use crate::track;
+use crate::shell::replay::telemetry::{self, signing_with};
+use crate::shell::support::clock::now_us;
+use crate::shell::support::histogram::Histogram;
+use crate::shell::support::interrupt::Control;
+use crate::tracking::tracker;
 use crossbeam_channel::{Receiver, bounded, select};
 use std::fmt;
 use std::format;
@@ -88,7 +88,7 @@ pub fn run(
     let capture = Capture::default();
     let (worker_pulse, stop) = (AtomicU64::new(0), AtomicBool::new(false));
     let (sender, seen) = bounded(WAITING);
-    let tracks = track::Settings::calibrated(model.calibration());
+    let tracks = tracker::Settings::calibrated(model.calibration());
     let mut service = Service::new(config.clone(), tracks, &capture, &worker_pulse)?;
     let heard = service.links.heard().clone();
     thread::scope(|scope| {
@@ -148,7 +148,7 @@ struct Service<'a> {
 impl<'a> Service<'a> {
     fn new(
         config: Config,
-        tracks: track::Settings,
+        tracks: tracker::Settings,
         capture: &'a Capture,
         worker_pulse: &'a AtomicU64,
     ) -> Result<Self, Error> {
@@ -158,8 +158,8 @@ impl<'a> Service<'a> {
         };
         let signing = config.signing_key.as_deref().map(signing_with).transpose()?;
         let links = Links::open_signed(&specs(&config), signing);
-        let own_camera = live::own_camera(&config)?;
-        let camera = live::first_camera(&config, own_camera.as_ref())?;
+        let own_camera = source::own_camera(&config)?;
+        let camera = source::first_camera(&config, own_camera.as_ref())?;
         let onboard = Onboard::new(camera, tracks, component(&config), kept, now_us());
         let state = onboard.component().state();
         let outputs = Outputs::open(&config, own_camera.as_ref(), tracks.keep_score)?;
@@ -332,7 +332,7 @@ impl<'a> Service<'a> {
             changes.iter().any(|key| prefixes.iter().any(|prefix| key.name.starts_with(prefix)))
         };
         if any(&["source", "repeat", "camera."]) {
-            match live::own_camera(&config) {
+            match source::own_camera(&config) {
                 Ok(own) => self.own_camera = own,
                 Err(error) => tracing::error!("{error}"),
             }

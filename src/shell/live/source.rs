@@ -3,11 +3,11 @@
 use super::config::Config;
 use super::paced::Paced;
 use crate::camera::Camera;
-use crate::shell::camera::{CameraArgs, CameraFile};
 use crate::shell::error::Error;
+use crate::shell::formats::camera_file::{CameraArgs, CameraFile};
 use crate::shell::link::Inbound;
 use crate::shell::simulate::{Kind, SimulateSettings, Simulator, Telemetry};
-use crate::shell::source::{self, Frame, FrameSource, Simulated, SourceError};
+use crate::shell::sources::{self, Frame, FrameSource, Simulated, SourceError};
 use clap::ValueEnum;
 use crossbeam_channel::Sender;
 use std::boxed::Box;
@@ -43,7 +43,7 @@ pub enum LiveError {
 
 /// A source of frames that come when they come.
 pub trait LiveSource {
-    /// Writes the newest frame into `frame`, its time by [`crate::shell::clock::now_us`], waiting at most `timeout`.
+    /// Writes the newest frame into `frame`, its time by [`crate::shell::support::clock::now_us`], waiting at most `timeout`.
     ///
     /// # Errors
     /// [`LiveError`]; `frame` may hold anything then.
@@ -84,10 +84,10 @@ fn named(config: &Config) -> Named<'_> {
 pub fn open(config: &Config, heard: &Sender<Inbound>) -> Result<Box<dyn LiveSource>, LiveError> {
     let rewind: Box<dyn FnMut() -> Result<Box<dyn FrameSource>, SourceError>> = match named(config)
     {
-        Named::Camera(path) => return super::camera::open(path, &config.camera),
+        Named::Camera(path) => return super::v4l2::open(path, &config.camera),
         Named::File(path) => {
             let path = String::from(path);
-            Box::new(move || source::open(&path))
+            Box::new(move || sources::open(&path))
         }
         Named::Simulated(settings) => Box::new(move || Ok(Box::new(Simulated::new(&settings)))),
     };

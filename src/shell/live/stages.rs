@@ -2,7 +2,7 @@
 
 use super::worker::Seen;
 use crate::detector::Stage;
-use crate::shell::histogram::Histogram;
+use crate::shell::support::histogram::Histogram;
 use std::fmt::Write;
 use std::string::String;
 use std::vec::Vec;

@@ -1,7 +1,7 @@
 //! A V4L2 camera as a live source.
 
 use super::config::CameraConfig;
-use super::live::{LiveError, LiveSource};
+use super::source::{LiveError, LiveSource};
 use std::boxed::Box;
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use std::path::Path;
 /// that is plugged in next.
 #[cfg(target_os = "linux")]
 pub fn open(path: &Path, config: &CameraConfig) -> Result<Box<dyn LiveSource>, LiveError> {
-    use crate::shell::v4l2::{Camera, Settings};
+    use crate::shell::sources::v4l2::{Camera, Settings};
     use std::string::ToString;
     let gone = |reason: std::string::String| LiveError::Gone(reason);
     let format = config.format.as_deref().map(str::parse).transpose().map_err(gone)?;
@@ -30,19 +30,19 @@ pub fn open(path: &Path, config: &CameraConfig) -> Result<Box<dyn LiveSource>, L
 }
 
 #[cfg(target_os = "linux")]
-impl LiveSource for crate::shell::v4l2::Camera {
+impl LiveSource for crate::shell::sources::v4l2::Camera {
     fn next(
         &mut self,
-        frame: &mut crate::shell::source::Frame,
+        frame: &mut crate::shell::sources::Frame,
         timeout: std::time::Duration,
-    ) -> Result<super::live::Taken, LiveError> {
-        use crate::shell::v4l2::CameraError;
+    ) -> Result<super::source::Taken, LiveError> {
+        use crate::shell::sources::v4l2::CameraError;
         use std::string::ToString;
         let taken = Self::next(self, frame, timeout).map_err(|error| match error {
             CameraError::Timeout => LiveError::Timeout,
             error => LiveError::Gone(error.to_string()),
         })?;
-        Ok(super::live::Taken {
+        Ok(super::source::Taken {
             missed: taken.missed + taken.damaged,
             passed_over: taken.passed_over,
         })

@@ -1,14 +1,14 @@
 //! The thread of the detector: the newest frame in, what was found out.
 
+use super::image_health::Sight;
 use super::mailbox::Mailbox;
-use super::sight::Sight;
 use crate::detector::{Detections, Stage};
-use crate::message::Blind;
+use crate::mavlink::messages::Blind;
 use crate::model::Model;
-use crate::shell::clock::now_us;
 use crate::shell::error::Error;
 use crate::shell::pipeline::{DetectorArgs, Memory};
-use crate::shell::source::Frame;
+use crate::shell::sources::Frame;
+use crate::shell::support::clock::now_us;
 use crossbeam_channel::Sender;
 use std::string::String;
 use std::sync::Arc;

@@ -1,10 +1,10 @@
 //! Detections drawn on the grey frame: box, score, motion vector.
 
-use super::detections::Decimal;
-use super::source::Frame;
 use crate::detector::{Detection, Detections};
 use crate::image::Rect;
-use crate::traffic::{Level, Traffic};
+use crate::shell::formats::detections::Decimal;
+use crate::shell::sources::Frame;
+use crate::tracking::traffic::{Level, Traffic};
 use fixed::types::I28F4;
 use std::format;
 use std::vec::Vec;

@@ -1,7 +1,10 @@
 //! Pictures written as numbered PNG files or as a video through `ffmpeg`.
 
-use super::annotate::Picture;
+pub mod annotate;
+pub mod strip;
+
 use super::error::Error;
+use annotate::Picture;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use std::io::{self, Read, Write};

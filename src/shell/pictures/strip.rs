@@ -1,7 +1,7 @@
 //! What the detector saw of an object: the window around it in the frames of its st-cube, side by side.
 
-use super::judge::Box4;
-use super::source::Frame;
+use crate::shell::evaluate::matching::Box4;
+use crate::shell::sources::Frame;
 use image::codecs::png::PngEncoder;
 use image::imageops::{self, FilterType};
 use image::{ExtendedColorType, GrayImage, ImageEncoder, Luma};

@@ -7,10 +7,10 @@
 //! The constants are the best of a dozen settings on 20 clips of `airborne/train`.
 
 use crate::detector::{Detection, Detections, Error, MAX_DETECTIONS};
+use crate::image::nms;
 use crate::image::{Image, Rect};
-use crate::nms;
+use crate::registration::warp;
 use crate::registration::{Motion, Registration};
-use crate::warp;
 use fixed::types::I28F4;
 use std::collections::VecDeque;
 use std::vec;
@@ -203,7 +203,7 @@ impl Blob {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::tests::{render, texture};
+    use crate::registration::lucas_kanade::tests::{render, texture};
 
     const WIDTH: usize = 200;
     const HEIGHT: usize = 160;

@@ -3,10 +3,10 @@
 //! The paper's competitors (its table 1 and section 4.4), as far as they can be told in parts of one detector: the same
 //! frames, boxes, negatives, trees, box regressors and non-maximum suppression. What differs stands in [`Recipe`] alone.
 
-use crate::history::History;
-use crate::map::MAP_CHANNELS;
+use crate::channels::history::History;
 use crate::model::Method;
-use crate::motion::Alignment;
+use crate::scan::aggregate::MAP_CHANNELS;
+use crate::stcube::compensation::Alignment;
 use core::fmt;
 
 /// A method by its name.
@@ -77,7 +77,7 @@ pub struct Recipe {
     pub method: Method,
     /// How the trees over windows are learned.
     pub windows: Learner,
-    /// Channels of the scan's map that these trees may ask, from the first one on (see [`crate::map::strips`]).
+    /// Channels of the scan's map that these trees may ask, from the first one on (see [`crate::scan::aggregate::strips`]).
     pub map_channels: usize,
     /// What features of cubes, for the classifier and the box, may see.
     pub sees: Sees,

@@ -1,15 +1,18 @@
 //! From a source through the detector: the model's bytes, the detector's memory, the loop over frames.
 
-use super::detections::SCORE_BITS;
-use super::difference::Difference;
+pub mod difference;
+pub mod methods;
+
 use super::error::Error;
-use super::interrupt::{self, Ended};
-use super::methods::MethodName;
-use super::scaled::{FrameSize, Scaling};
-use super::source::{Frame, FrameSource};
-use crate::calibration::ONE;
+use super::formats::detections::SCORE_BITS;
+use super::sources::scaled::{FrameSize, Scaling};
+use super::sources::{Frame, FrameSource};
+use super::support::interrupt::{self, Ended};
 use crate::detector::{Buffers, Config, Detections, Detector};
+use crate::model::calibration::ONE;
 use crate::model::{Method, Model};
+use difference::Difference;
+use methods::MethodName;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
@@ -17,7 +20,7 @@ use std::vec::Vec;
 use std::{format, fs, vec};
 
 /// The model that stands in the program itself.
-static SHIPPED: &[u8] = include_bytes!("../../models/lookout.lkm");
+static SHIPPED: &[u8] = include_bytes!("../../../models/lookout.lkm");
 
 /// Parts of the method to leave out, to see what they are worth.
 #[derive(Debug, Clone, Copy, Default, clap::Args, serde::Serialize)]

@@ -1,11 +1,11 @@
 //! What the page shows: plain data, one snapshot a frame.
 
 use crate::camera::Camera;
-use crate::message::Blind;
-use crate::shell::detections::Decimal;
+use crate::mavlink::messages::Blind;
+use crate::shell::formats::detections::Decimal;
+use crate::shell::formats::traffic::name;
 use crate::shell::link::{LinkSpec, LinkStatus};
-use crate::shell::traffic::name;
-use crate::traffic::{Direction, Level, Traffic};
+use crate::tracking::traffic::{Direction, Level, Traffic};
 use fixed::types::I28F4;
 use serde::{Serialize, Serializer};
 use std::string::{String, ToString};
@@ -181,7 +181,7 @@ impl From<(&LinkSpec, LinkStatus)> for Link {
     }
 }
 
-fn degrees(radians: crate::angle::Real) -> f64 {
+fn degrees(radians: crate::math::real::Real) -> f64 {
     radians.to_num::<f64>().to_degrees()
 }
 
@@ -196,9 +196,9 @@ fn reasons<S: Serializer>(blind: &Blind, serializer: S) -> Result<S::Ok, S::Erro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::angle::{PI, Real};
-    use crate::geometry::Attitude;
-    use crate::message::tests::traffic;
+    use crate::camera::attitude::Attitude;
+    use crate::math::real::{PI, Real};
+    use crate::mavlink::messages::tests::traffic;
     use serde_json::json;
 
     fn near(a: f64, b: f64) -> bool {

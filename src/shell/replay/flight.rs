@@ -1,9 +1,9 @@
 //! The flight that a verb works on: the user's input, or one simulated in memory.
 
-use super::camera::CameraFile;
-use super::error::Error;
-use super::simulate::{SimulateSettings, Simulator, Telemetry};
-use super::source::{self, FrameSource, Simulated};
+use crate::shell::error::Error;
+use crate::shell::formats::camera_file::CameraFile;
+use crate::shell::simulate::{SimulateSettings, Simulator, Telemetry};
+use crate::shell::sources::{self, FrameSource, Simulated};
 use std::boxed::Box;
 use std::path::Path;
 use std::string::String;
@@ -23,7 +23,7 @@ impl FlightArgs {
     /// [`Error::Source`].
     pub fn open(&self, input: Option<&str>) -> Result<Box<dyn FrameSource>, Error> {
         match input {
-            Some(input) => Ok(source::open(input)?),
+            Some(input) => Ok(sources::open(input)?),
             None => Ok(Box::new(Simulated::new(&self.settings))),
         }
     }

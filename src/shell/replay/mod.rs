@@ -1,24 +1,26 @@
 //! `lookout replay`: a recorded or simulated flight through the detector.
 
-use super::annotate::Picture;
-use super::camera::{CameraArgs, CameraFile};
-use super::detections::{self, SCORE_BITS, TextFile};
+pub mod flight;
+pub mod telemetry;
+
 use super::error::{Error, STDOUT};
-use super::flight::FlightArgs;
-use super::interrupt::{self, Ended};
+use super::formats::camera_file::{CameraArgs, CameraFile};
+use super::formats::detections::{self, SCORE_BITS, TextFile};
+use super::formats::traffic;
 use super::pictures::Pictures;
+use super::pictures::annotate::Picture;
 use super::pipeline::{self, DetectorArgs, ModelFile};
-use super::source::Frame;
-use super::telemetry::{LATENCY_US, Telemetry, TelemetryArgs};
-use super::traffic;
-use crate::calibration::ONE;
-use crate::component::parameters::Parameters;
+use super::sources::Frame;
+use super::support::interrupt::{self, Ended};
+use crate::detector::digest::Digest;
 use crate::detector::{Detection, Detections};
-use crate::digest::Digest;
+use crate::mavlink::component::parameters::Parameters;
+use crate::mavlink::lookout::Onboard;
 use crate::model::Model;
-use crate::onboard::Onboard;
-use crate::track;
-use crate::traffic::Level;
+use crate::model::calibration::ONE;
+use crate::tracking::tracker;
+use crate::tracking::traffic::Level;
+use flight::FlightArgs;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -26,6 +28,7 @@ use std::path::{Path, PathBuf};
 use std::string::String;
 use std::time::Instant;
 use std::{eprintln, format};
+use telemetry::{LATENCY_US, Telemetry, TelemetryArgs};
 
 /// Precision (Q16) of what is reported where nothing else is asked for and the model knows what its scores are worth.
 const PRECISION: u32 = ONE * 9 / 10;
@@ -81,7 +84,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended, Error> {
     args.detector.min_precision = None;
     let threshold = asked.unwrap_or_else(|| default_threshold(&model));
     // A track goes on with weaker detections than are reported.
-    let tracks = track::Settings::calibrated(model.calibration());
+    let tracks = tracker::Settings::calibrated(model.calibration());
     args.detector.threshold = Some(threshold.min(tracks.keep_score));
     interrupt::watch()?;
     pipeline::on_threads(args.threads, || replay(&args, threshold, tracks, &model))?
@@ -97,7 +100,7 @@ fn default_threshold(model: &Model<'_>) -> i32 {
 fn replay(
     args: &ReplayArgs,
     threshold: i32,
-    tracks: track::Settings,
+    tracks: tracker::Settings,
     model: &Model<'_>,
 ) -> Result<Ended, Error> {
     let input = args.input.as_deref();
@@ -139,7 +142,7 @@ struct Outputs {
     lead: u64,
     camera: (CameraArgs, Option<CameraFile>),
     telemetry: Telemetry,
-    tracks: track::Settings,
+    tracks: tracker::Settings,
     parameters: Parameters,
     onboard: Option<Onboard>,
     levels: BTreeMap<u16, Level>,
@@ -161,7 +164,7 @@ impl Outputs {
         args: &ReplayArgs,
         threshold: i32,
         own: Option<CameraFile>,
-        tracks: track::Settings,
+        tracks: tracker::Settings,
     ) -> Result<Self, Error> {
         let simulated = args.flight.telemetry(args.input.as_deref());
         let create = |path: &Option<PathBuf>| path.as_deref().map(TextFile::create).transpose();

@@ -3,15 +3,15 @@
 //! Everything runs on the clock of the frames: 0 is the first frame. A frame counts as finished a fixed time after it was
 //! taken, so that the same flight gives the same messages however fast the machine is.
 
-use super::clock;
-use super::error::Error;
-use super::link::signing::{self, Signing};
-use super::link::{LinkSpec, Links, params};
-use super::simulate;
-use super::tlog::{self, Reader, TlogError};
-use crate::component::parameters::Parameters;
-use crate::component::{Event, Outgoing, Trust};
-use crate::onboard::Onboard;
+use crate::mavlink::component::parameters::Parameters;
+use crate::mavlink::component::{Event, Outgoing, Trust};
+use crate::mavlink::lookout::Onboard;
+use crate::shell::error::Error;
+use crate::shell::formats::tlog::{self, Reader, TlogError};
+use crate::shell::link::signing::{self, Signing};
+use crate::shell::link::{LinkSpec, Links, params};
+use crate::shell::simulate;
+use crate::shell::support::clock;
 use mavlink::MAVLinkMessageRaw;
 use std::boxed::Box;
 use std::collections::BTreeMap;

@@ -1,7 +1,7 @@
 //! How a multirotor sways: the camera's attitude and path as sums of slow waves.
 
-use crate::shell::math::{Rotation, Vector, sin_cos};
-use crate::shell::random::Random;
+use crate::shell::support::random::Random;
+use crate::shell::support::vectors::{Rotation, Vector, sin_cos};
 
 /// A random process of limited bandwidth: a sum of sines, smooth and known at every instant.
 #[derive(Debug, Clone)]

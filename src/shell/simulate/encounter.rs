@@ -3,8 +3,8 @@
 use super::attitude::{Camera, Sway};
 use super::shapes::Shape;
 use super::{Kind, SimulateSettings};
-use crate::shell::math::{Rotation, Vector, add, atan2, direction, dot, sin_cos};
-use crate::shell::random::Random;
+use crate::shell::support::random::Random;
+use crate::shell::support::vectors::{Rotation, Vector, add, atan2, direction, dot, sin_cos};
 use core::ops::Range;
 
 /// Metres a second that count as flying nearer.

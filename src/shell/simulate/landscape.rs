@@ -1,7 +1,7 @@
 //! The textures of the scene: fields with roads, bushes and trees, and clouds.
 
 use super::noise::{Texture, fractal, hash};
-use crate::shell::random::Random;
+use crate::shell::support::random::Random;
 use std::vec;
 use std::vec::Vec;
 

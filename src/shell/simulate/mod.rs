@@ -10,6 +10,7 @@ mod noise;
 mod scene;
 mod settings;
 mod shapes;
+pub mod source;
 mod telemetry;
 mod write;
 
@@ -17,11 +18,11 @@ pub use settings::{Kind, SimulateSettings};
 pub use telemetry::{START_US, Telemetry};
 pub use write::{SimulateArgs, SimulateError, run};
 
-use crate::shell::camera::CameraFile;
-use crate::shell::clips::TruthBox;
-use crate::shell::math::{atan2, dot};
-use crate::shell::random::Random;
-use crate::shell::source::{Frame, frame_time_us};
+use crate::shell::formats::camera_file::CameraFile;
+use crate::shell::formats::clips::TruthBox;
+use crate::shell::sources::{Frame, frame_time_us};
+use crate::shell::support::random::Random;
+use crate::shell::support::vectors::{atan2, dot};
 use attitude::Camera;
 use encounter::{Target, encounter};
 use scene::{Pose, Scene};

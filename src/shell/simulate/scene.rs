@@ -2,8 +2,8 @@
 
 use super::landscape;
 use super::noise::{Texture, fractal};
-use crate::shell::math::{Rotation, Vector};
-use crate::shell::random::Random;
+use crate::shell::support::random::Random;
+use crate::shell::support::vectors::{Rotation, Vector};
 use std::vec::Vec;
 
 /// Metres a texel of the ground.

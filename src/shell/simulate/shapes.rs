@@ -1,6 +1,6 @@
 //! Aircraft as a few solids, seen in perspective.
 
-use crate::shell::math::{Rotation, Vector};
+use crate::shell::support::vectors::{Rotation, Vector};
 use std::vec::Vec;
 
 /// Opacity of a spinning rotor.

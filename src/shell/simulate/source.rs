@@ -1,7 +1,7 @@
 //! A flight simulated in memory.
 
-use super::{Frame, FrameSource, SourceError};
 use crate::shell::simulate::{SimulateSettings, Simulator, Truth};
+use crate::shell::sources::{Frame, FrameSource, SourceError};
 
 /// Frames of a simulated flight, each rendered when it is asked for.
 #[derive(Debug, Clone)]

@@ -8,9 +8,9 @@
 use super::attitude::Camera;
 use super::encounter::encounter;
 use super::{FOCAL, SimulateSettings};
-use crate::shell::math::{Vector, sin_cos};
-use crate::shell::random::Random;
-use crate::shell::source::frame_time_us;
+use crate::shell::sources::frame_time_us;
+use crate::shell::support::random::Random;
+use crate::shell::support::vectors::{Vector, sin_cos};
 use mavlink::dialects::ardupilotmega::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA,
     MavAutopilot, MavMessage, MavModeFlag, MavState, MavType, SYSTEM_TIME_DATA,
@@ -200,7 +200,7 @@ fn position(camera: &Camera, time: f64, time_boot_ms: u32) -> MavMessage {
 mod tests {
     use super::super::Kind;
     use super::*;
-    use crate::shell::math::Rotation;
+    use crate::shell::support::vectors::Rotation;
     use mavlink::{MavlinkVersion, Message};
     use std::vec::Vec;
 

@@ -1,8 +1,8 @@
 //! Whole flights: the same bytes everywhere, tight boxes, true bearings, files.
 
 use super::*;
-use crate::shell::clips::clips;
-use crate::shell::source;
+use crate::shell::formats::clips::clips;
+use crate::shell::sources;
 use std::fs;
 use std::path::Path;
 use std::string::{String, ToString};
@@ -149,7 +149,7 @@ fn files_have_the_form_of_the_recorded_flights() {
     run(&arguments).unwrap();
     let clip = clips(&folder.path().join("a")).unwrap().remove(0);
     assert_eq!(clip.name, "flight");
-    let mut frames = source::open(clip.input.to_str().unwrap()).unwrap();
+    let mut frames = sources::open(clip.input.to_str().unwrap()).unwrap();
     let mut simulator = Simulator::new(&arguments.settings);
     let (mut read, mut expected) = (Frame::default(), Frame::default());
     for index in 0..3 {

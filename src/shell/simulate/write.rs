@@ -1,9 +1,9 @@
 //! `lookout simulate`: a flight as files, in the form of the recorded ones.
 
 use super::{START_US, SimulateSettings, Simulator, Telemetry, Truth};
-use crate::shell::camera::CameraFile;
-use crate::shell::source::Frame;
-use crate::shell::tlog;
+use crate::shell::formats::camera_file::CameraFile;
+use crate::shell::formats::tlog;
+use crate::shell::sources::Frame;
 use image::ImageEncoder;
 use image::codecs::png::PngEncoder;
 use indicatif::{ProgressBar, ProgressStyle};

@@ -1,20 +1,22 @@
 //! Where frames come from.
 
 mod folder;
-mod simulated;
+pub mod scaled;
 mod times;
+#[cfg(target_os = "linux")]
+pub mod v4l2;
 mod video;
 mod y4m;
 
+pub use crate::shell::simulate::source::Simulated;
 pub use folder::Folder;
 pub(crate) use folder::is_picture;
-pub use simulated::Simulated;
 pub use video::Video;
 pub use y4m::Y4m;
 pub(crate) use y4m::expand;
 
 use crate::image::Image;
-use crate::shell::clips;
+use crate::shell::formats::clips;
 use std::boxed::Box;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};

@@ -1,11 +1,11 @@
 //! Frames of another size than they were recorded in: what a board with a small camera would see of a flight.
 
-use super::clips::TruthBox;
-use super::source::Frame;
+use super::Frame;
 use crate::detector::{Detections, Shift};
 use crate::image::Rect;
-use crate::pyramid;
+use crate::image::pyramid;
 use crate::registration::Motion;
+use crate::shell::formats::clips::TruthBox;
 use core::fmt;
 use core::str::FromStr;
 use fixed::types::I28F4;

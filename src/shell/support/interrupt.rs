@@ -1,6 +1,6 @@
 //! Ctrl-C ends a run after the frame in hand; pressed again, at once. A service hears SIGHUP apart.
 
-use super::error::Error;
+use crate::shell::error::Error;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::io;

@@ -1,8 +1,9 @@
 //! Work on many items at once, results in the items' order.
 
-use super::clips::Clip;
-use super::error::Error;
-use super::{interrupt, pipeline};
+use super::interrupt;
+use crate::shell::error::Error;
+use crate::shell::formats::clips::Clip;
+use crate::shell::pipeline;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};

@@ -5,15 +5,16 @@
 //! Niculescu-Mizil 2007), the share of right ones among all detections down to there is as measured, and rises.
 
 use super::footage;
-use crate::calibration::{Knot, MAX_KNOTS, ONE};
 use crate::model::Model;
-use crate::shell::clips::{self, Clip};
-use crate::shell::detections::{self, SCORE_BITS};
+use crate::model::calibration::{Knot, MAX_KNOTS, ONE};
 use crate::shell::error::Error;
-use crate::shell::judge::{self, Found, Verdict, WARMUP};
+use crate::shell::evaluate::matching::{self, Found, Verdict, WARMUP};
+use crate::shell::formats::clips::{self, Clip};
+use crate::shell::formats::detections::{self, SCORE_BITS};
 use crate::shell::pipeline::{self, DetectorArgs};
-use crate::shell::scaled::FrameSize;
-use crate::shell::{parallel, source};
+use crate::shell::sources;
+use crate::shell::sources::scaled::FrameSize;
+use crate::shell::support::parallel;
 use std::format;
 use std::path::PathBuf;
 use std::string::String;
@@ -90,14 +91,14 @@ fn count(
 ) -> Result<(u64, Vec<(i32, bool)>), Error> {
     let input = format!("{}", clip.input.display());
     let mut found: Vec<Found> = Vec::new();
-    let mut source = source::open(&input)?;
+    let mut source = sources::open(&input)?;
     let args = DetectorArgs { frame, ..DetectorArgs::default() };
     pipeline::run(&input, source.as_mut(), model, &args, &mut |number, _, detections| {
         found.extend(detections::found(number, detections));
         Ok(())
     })?;
-    let judged = judge::judge(&clip.ground_truth, &found, IOU, WARMUP);
-    let outcome = |d: &judge::JudgedDetection| {
+    let judged = matching::judge(&clip.ground_truth, &found, IOU, WARMUP);
+    let outcome = |d: &matching::JudgedDetection| {
         let hit = matches!(d.verdict, Verdict::Target(_));
         // Six decimals keep all scores apart: this is the detector's own number again.
         let score = (d.score * f64::from(1 << SCORE_BITS)).round() as i32;
@@ -161,7 +162,7 @@ fn score_of(knot: &Knot) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Calibration;
+    use crate::model::calibration::Calibration;
     use proptest::prelude::*;
 
     fn pool(score: i32, hit: bool) -> Pool {
@@ -194,7 +195,7 @@ mod tests {
     #[test]
     fn scores_of_a_known_truth() {
         // A detection of score s is right with the probability of its log-odds: so many, so the table is near it.
-        let mut random = crate::shell::random::Random::new(4);
+        let mut random = crate::shell::support::random::Random::new(4);
         let detections: Vec<(i32, bool)> = (0..40_000)
             .map(|_| {
                 let score = random.symmetric() * 5.0;

@@ -3,16 +3,16 @@
 use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
 use super::windows;
-use crate::cube::{Cube, Patch, SCALARS, SUBCELL, WINDOW};
+use crate::channels::scale_space::Pyramid;
 use crate::detector::Config;
-use crate::feature::Feature;
-use crate::judge::Judge;
-use crate::levels::Pyramid;
+use crate::detector::classifier::Judge;
 use crate::model::Model;
-use crate::motion::Position;
-use crate::scan::Candidate;
-use crate::search;
-use crate::shell::random::Random;
+use crate::scan;
+use crate::scan::cascade::Candidate;
+use crate::shell::support::random::Random;
+use crate::stcube::compensation::Position;
+use crate::stcube::cube::{Cube, Patch, SCALARS, SUBCELL, WINDOW};
+use crate::stcube::feature::Feature;
 use std::vec::Vec;
 
 /// Tolerance of a cube's label, after Algorithm 1.
@@ -109,7 +109,7 @@ pub fn cubes(
     let truths = truths(&view.boxes);
     let found = windows::candidates(pyramid, model, config);
     let mut candidates: Vec<(Candidate, Position, bool)> =
-        found.iter().map(|c| (*c, search::window(c), true)).collect();
+        found.iter().map(|c| (*c, scan::window(c), true)).collect();
     for truth in &truths {
         let Truth::Target(truth) = truth else { continue };
         for level in pyramid.searched() {

@@ -1,9 +1,9 @@
 //! Writing a model file, section by section.
 
 use super::boost::TrainedForest;
-use crate::calibration::Knot;
-use crate::feature::Feature;
+use crate::model::calibration::Knot;
 use crate::model::{self, GEOMETRY, HEADER, MAGIC, Method, Model, Section, VERSION};
+use crate::stcube::feature::Feature;
 use std::vec::Vec;
 
 /// A forest without trees: its score is 0.

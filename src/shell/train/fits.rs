@@ -3,13 +3,13 @@
 use super::cubes::Row;
 use super::footage::View;
 use super::labels::{Offset, Truth, truths};
-use crate::cube::Cube;
-use crate::feature::Feature;
-use crate::fit::{self, BOX_CELLS};
+use crate::boxes::{self, BOX_CELLS};
+use crate::channels::scale_space::Pyramid;
 use crate::image::Rect;
-use crate::levels::Pyramid;
-use crate::shell::clips::TruthBox;
-use crate::shell::random::Random;
+use crate::shell::formats::clips::TruthBox;
+use crate::shell::support::random::Random;
+use crate::stcube::cube::Cube;
+use crate::stcube::feature::Feature;
 use fixed::types::I28F4;
 use std::vec::Vec;
 
@@ -37,7 +37,7 @@ fn wrong(truth: &TruthBox, error: f64, random: &mut Random) -> Rect {
     Rect { x, y, width, height }
 }
 
-/// What [`fit::moved`] takes from `window` to the target: cells, and binary logarithms.
+/// What [`boxes::moved`] takes from `window` to the target: cells, and binary logarithms.
 fn offset(truth: &TruthBox, window: &Rect) -> Offset {
     let [x, y, width, height] =
         [window.x, window.y, window.width, window.height].map(|v| v.to_num::<f64>());
@@ -64,7 +64,7 @@ pub fn fits(
     for truth in &truths(&view.boxes) {
         let Truth::Target(truth) = truth else { continue };
         for error in ERRORS {
-            let window = fit::cut(pyramid, &wrong(truth, error, random), &mut cube);
+            let window = boxes::cut(pyramid, &wrong(truth, error, random), &mut cube);
             let value = |f: &Feature| f.value(&cube.slices, &cube.newest, &cube.scalars);
             let values = pool.iter().map(value).collect();
             rows.push(Row::of_offset(view, values, offset(truth, &window)));
@@ -95,7 +95,7 @@ mod tests {
             let Offset { x, y, width: wider, height: higher } = offset(&truth, &window);
             assert!(wider.abs() < OCTAVES + 0.1 && higher.abs() < OCTAVES + 0.1);
             let q8 = [x, y, wider, higher].map(|v| (v * 256.0).round() as i32);
-            let back = fit::moved(&window, q8);
+            let back = boxes::moved(&window, q8);
             let sides = [back.x, back.y, back.width, back.height].map(|v| v.to_num::<f64>());
             let wanted = [truth.left, truth.top, truth.width, truth.height];
             for (side, wanted) in sides.into_iter().zip(wanted) {

@@ -3,17 +3,17 @@
 use super::TrainArgs;
 use super::look::Look;
 use super::paste::{self, Run, Turning};
-use crate::cube::SLICES;
+use crate::channels::front_end::{FrontEnd, REACH};
+use crate::channels::scale_space::Pyramid;
 use crate::detector::Config;
-use crate::front::{FrontEnd, REACH};
-use crate::levels::Pyramid;
-use crate::shell::clips::{self, TruthBox};
 use crate::shell::error::Error;
-use crate::shell::parallel;
+use crate::shell::formats::clips::{self, TruthBox};
 use crate::shell::pipeline::Memory;
-use crate::shell::random::Random;
-use crate::shell::scaled::Scaling;
-use crate::shell::source::{self, Frame};
+use crate::shell::sources::scaled::Scaling;
+use crate::shell::sources::{self, Frame};
+use crate::shell::support::parallel;
+use crate::shell::support::random::Random;
+use crate::stcube::cube::SLICES;
 use std::string::ToString;
 use std::vec::Vec;
 
@@ -117,7 +117,7 @@ fn read(
     number: usize,
     held_back: bool,
 ) -> Result<Footage, Error> {
-    let mut source = source::open(&clip.input.display().to_string())?;
+    let mut source = sources::open(&clip.input.display().to_string())?;
     let mut footage = Footage {
         number,
         pasted: false,

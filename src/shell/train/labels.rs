@@ -1,9 +1,9 @@
 //! What a window is to be taken for.
 
-use crate::gradient::CELL;
-use crate::levels::{Level, TARGET_CELLS};
-use crate::motion::Position;
-use crate::shell::clips::TruthBox;
+use crate::channels::scale_space::{Level, TARGET_CELLS};
+use crate::image::gradient::CELL;
+use crate::shell::formats::clips::TruthBox;
+use crate::stcube::compensation::Position;
 use std::vec::Vec;
 
 /// Targets shorter than this many pixels are neither learned nor held against a window.

@@ -1,9 +1,9 @@
 //! Changed looks of recorded frames, so that few scenes teach more: mirrored, smaller, of other contrast.
 
-use crate::pyramid;
-use crate::shell::clips::TruthBox;
-use crate::shell::random::Random;
-use crate::shell::source::Frame;
+use crate::image::pyramid;
+use crate::shell::formats::clips::TruthBox;
+use crate::shell::sources::Frame;
+use crate::shell::support::random::Random;
 use std::vec::Vec;
 
 /// How a run of frames is shown.

@@ -20,14 +20,14 @@ mod stages;
 mod windows;
 
 use super::error::Error;
-use super::interrupt::Ended;
-use super::methods::{MethodName, Recipe, Sees};
 use super::pipeline::Ablation;
 use super::pipeline::ModelFile;
-use super::scaled::FrameSize;
-use crate::history::History;
+use super::pipeline::methods::{MethodName, Recipe, Sees};
+use super::sources::scaled::FrameSize;
+use super::support::interrupt::Ended;
+use crate::channels::history::History;
 use crate::model::{Method, Model, Section};
-use crate::motion::Alignment;
+use crate::stcube::compensation::Alignment;
 use file::Parts;
 use report::Report;
 use stages::Trainer;
@@ -242,7 +242,7 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
             Section::FitX => trainer.fits(&mut parts, &mut report)?,
             _ => trainer.cubes(&mut parts, &mut report)?,
         }
-        if super::interrupt::requested() {
+        if super::support::interrupt::requested() {
             return Ok(Ended::Interrupted);
         }
         parts.set_provenance(&settings);

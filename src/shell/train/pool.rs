@@ -1,13 +1,13 @@
 //! Random features for the boosting to choose from.
 
+use crate::boxes::NEWEST_CHANNELS;
 use crate::channels::{MAGNITUDE, TEMPORAL};
-use crate::cube::{SLICES, WINDOW};
-use crate::feature::{Denominator, Feature};
-use crate::fit::NEWEST_CHANNELS;
-use crate::gradient::ORIENTATIONS;
-use crate::motion::FIRST_SCALAR;
-use crate::shell::methods::Sees;
-use crate::shell::random::Random;
+use crate::image::gradient::ORIENTATIONS;
+use crate::shell::pipeline::methods::Sees;
+use crate::shell::support::random::Random;
+use crate::stcube::compensation::FIRST_SCALAR;
+use crate::stcube::cube::{SLICES, WINDOW};
+use crate::stcube::feature::{Denominator, Feature};
 use std::vec::Vec;
 
 /// Cells of a 3-D HoG along each side of the window.
@@ -95,7 +95,7 @@ pub fn cube(count: usize, sees: Sees, temporal: bool, random: &mut Random) -> Ve
     features
 }
 
-/// Features of windows that are stretched to a box ([`crate::fit`]), one slice; without `temporal` none looks at temporal
+/// Features of windows that are stretched to a box ([`crate::boxes`]), one slice; without `temporal` none looks at temporal
 /// differences.
 pub fn stretched(count: usize, temporal: bool, random: &mut Random) -> Vec<Feature> {
     // Of the newest frame's channels the first and the last are not differences.

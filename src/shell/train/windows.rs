@@ -3,15 +3,15 @@
 use super::boost::{Data, Samples, SamplesError};
 use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
-use crate::cube::SUBCELL;
+use crate::channels::scale_space::Pyramid;
 use crate::detector::Config;
-use crate::levels::Pyramid;
-use crate::map::{self, MAP_CHANNELS, PADDING, Strip};
 use crate::model::Model;
-use crate::motion::Position;
-use crate::scan::{FEATURES, Map};
-use crate::search::{self, Scratch};
-use crate::shell::random::Random;
+use crate::scan::aggregate::{self, MAP_CHANNELS, PADDING, Strip};
+use crate::scan::cascade::{FEATURES, Map};
+use crate::scan::{self, Scratch};
+use crate::shell::support::random::Random;
+use crate::stcube::compensation::Position;
+use crate::stcube::cube::SUBCELL;
 use std::vec;
 use std::vec::Vec;
 
@@ -47,17 +47,24 @@ struct Maps {
 
 impl Maps {
     fn of(pyramid: &Pyramid<'_>) -> Self {
-        let noise = search::noise(pyramid, &mut vec![0; search::noise_words(pyramid.levels())]);
+        let noise = scan::noise(pyramid, &mut vec![0; scan::noise_words(pyramid.levels())]);
         let mut bytes = vec![Vec::new(); pyramid.levels().len()];
         for pictures in pyramid.searched() {
             let (columns, rows) = pictures.level.cells();
             let height = rows + 2 * PADDING;
-            let mut memory = vec![0; map::strip_bytes(columns, height)];
-            let mut words = vec![0; map::strip_words(columns)];
+            let mut memory = vec![0; aggregate::strip_bytes(columns, height)];
+            let mut words = vec![0; aggregate::strip_words(columns)];
             let own = &mut bytes[usize::from(pictures.number)];
-            map::strips(&pictures.newest, &noise, (height, 0), &mut memory, &mut words, |strip| {
-                own.extend_from_slice(strip.bytes);
-            });
+            aggregate::strips(
+                &pictures.newest,
+                &noise,
+                (height, 0),
+                &mut memory,
+                &mut words,
+                |strip| {
+                    own.extend_from_slice(strip.bytes);
+                },
+            );
         }
         Self { columns: pyramid.levels().iter().map(|level| level.cells().0).collect(), bytes }
     }
@@ -68,12 +75,12 @@ impl Maps {
 }
 
 /// The windows that the model's scan hands on, best first.
-pub fn candidates(pyramid: &Pyramid<'_>, model: &Model<'_>, config: &Config) -> search::Candidates {
+pub fn candidates(pyramid: &Pyramid<'_>, model: &Model<'_>, config: &Config) -> scan::Candidates {
     let geometry = pyramid.geometry();
-    let mut bytes = vec![0; search::bytes_len(geometry, false)];
-    let mut words = vec![0; search::words_len(geometry, false)];
+    let mut bytes = vec![0; scan::bytes_len(geometry, false)];
+    let mut words = vec![0; scan::words_len(geometry, false)];
     let scratch = Scratch { bytes: &mut bytes, words: &mut words };
-    search::search(model.scan(), pyramid, config.candidates, false, scratch).0
+    scan::search(model.scan(), pyramid, config.candidates, false, scratch).0
 }
 
 /// The position of the scan's window (x, y) in cells.
@@ -154,7 +161,7 @@ pub fn hard_negatives(
         .iter()
         .filter(|c| {
             let level = &pyramid.levels()[usize::from(c.level)];
-            label(&truths, search::window(c), level, &tolerance) == Label::Negative
+            label(&truths, scan::window(c), level, &tolerance) == Label::Negative
         })
         .map(|c| Window {
             values: maps.map(usize::from(c.level)).values(c.x, c.y),

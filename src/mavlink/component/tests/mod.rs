@@ -3,9 +3,10 @@
 mod services;
 
 use super::*;
-use crate::message::tests::traffic;
-use crate::message::{Blind, payload::Payload};
-use crate::traffic::Estimate;
+use crate::mavlink::messages::Blind;
+use crate::mavlink::messages::payload::Payload;
+use crate::mavlink::messages::tests::traffic;
+use crate::tracking::traffic::Estimate;
 use mavlink::dialects::ardupilotmega::*;
 use std::vec::Vec;
 

@@ -1,7 +1,7 @@
 //! Commands, parameters, the camera, and anything at all.
 
 use super::*;
-use crate::message::tests::any_traffic;
+use crate::mavlink::messages::tests::any_traffic;
 use mavlink::MAVLinkV2MessageRaw;
 use mavlink::types::CharArray;
 use proptest::prelude::*;

@@ -3,9 +3,9 @@
 //! Frames of a clip are alike: only clips are drawn anew, with replacement, as many as there are. All figures are taken on the same
 //! draws, so that differences between methods are paired.
 
-use crate::shell::parallel;
-use crate::shell::random::Random;
-use crate::shell::ranking::Ranking;
+use crate::shell::evaluate::ranking::Ranking;
+use crate::shell::support::parallel;
+use crate::shell::support::random::Random;
 use serde::Serialize;
 use std::vec;
 use std::vec::Vec;
@@ -94,7 +94,7 @@ impl Sampled {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shell::ranking::{ClipCount, Outcome, Ranking};
+    use crate::shell::evaluate::ranking::{ClipCount, Outcome, Ranking};
 
     /// Clips whose difficulty differs: targets of a clip are found alike.
     fn clips(count: usize, random: &mut Random) -> Ranking {

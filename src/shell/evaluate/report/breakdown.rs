@@ -6,8 +6,8 @@
 use super::bootstrap::{Bootstrap, Interval};
 use super::facts::Facts;
 use super::methods::Detected;
-use crate::shell::judge::{self, CLASSES, Found, Judged, SIZES, Target, Verdict};
-use crate::shell::ranking::{ClipCount, Ranking};
+use crate::shell::evaluate::matching::{self, CLASSES, Found, Judged, SIZES, Target, Verdict};
+use crate::shell::evaluate::ranking::{ClipCount, Ranking};
 use serde::Serialize;
 use std::borrow::ToOwned;
 use std::string::String;
@@ -56,7 +56,7 @@ pub struct ClipTruth<'a> {
 impl Dimension {
     /// All that the clips allow.
     pub fn all(clips: &[ClipTruth<'_>]) -> Vec<Self> {
-        let sizes = (0..SIZES.len()).map(judge::size_name).collect();
+        let sizes = (0..SIZES.len()).map(matching::size_name).collect();
         let classes = CLASSES.iter().map(|c| c.1.to_owned()).collect();
         let make = |name, heading, groups, rule| Self { name, heading, groups, rule };
         let mut all = vec![
@@ -110,8 +110,8 @@ impl Dimension {
 
     fn of_target(&self, clip: usize, target: &Target, contrast: f64) -> usize {
         match &self.rule {
-            Rule::Size => judge::size(&target.truth),
-            Rule::Class => judge::class(&target.truth),
+            Rule::Size => matching::size(&target.truth),
+            Rule::Class => matching::class(&target.truth),
             Rule::Contrast(bounds) => group_of(bounds, contrast),
             Rule::Clip(groups) => groups[clip],
         }
@@ -120,7 +120,7 @@ impl Dimension {
     /// None: it counts in every group.
     fn of_alarm(&self, clip: usize, found: &Found, contrast: f64) -> Option<usize> {
         match &self.rule {
-            Rule::Size => Some(judge::size_of(&found.rect)),
+            Rule::Size => Some(matching::size_of(&found.rect)),
             Rule::Class => None,
             Rule::Contrast(bounds) => Some(group_of(bounds, contrast)),
             Rule::Clip(groups) => Some(groups[clip]),

@@ -1,7 +1,7 @@
 //! How clearly a target stands out from what surrounds it.
 
-use crate::shell::judge::Box4;
-use crate::shell::source::Frame;
+use crate::shell::evaluate::matching::Box4;
+use crate::shell::sources::Frame;
 use std::ops::Range;
 
 /// The ring is at least this wide, pixels.

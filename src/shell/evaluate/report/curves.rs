@@ -1,6 +1,6 @@
 //! Curves with no more points than can be seen.
 
-use crate::shell::ranking::{Point, Ranking, envelope};
+use crate::shell::evaluate::ranking::{Point, Ranking, envelope};
 use std::vec::Vec;
 
 /// Smallest step of recall that is drawn.

@@ -1,7 +1,7 @@
 //! What is known of the clips of a split beside their boxes: frame rate, kind of encounter, agitation of the camera.
 
-use crate::shell::clips::Clip;
 use crate::shell::error::Error;
+use crate::shell::formats::clips::Clip;
 use serde_json::Value;
 use std::borrow::ToOwned;
 use std::collections::BTreeMap;
@@ -120,7 +120,7 @@ fn read_camera(path: &Path) -> Result<Camera, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shell::clips::clips;
+    use crate::shell::formats::clips::clips;
 
     #[test]
     fn facts_by_name_and_errors_by_place() {

@@ -7,10 +7,10 @@ use super::curves;
 use super::gallery::Strip;
 use super::methods::Method;
 use super::regressors::RegressorFigures;
-use crate::shell::clips::Clip;
-use crate::shell::judge::{self, Judged, Verdict, WARMUP};
-use crate::shell::ranking::Ranking;
-use crate::shell::score::{self, FALSE_ALARMS, Scorer};
+use crate::shell::evaluate::matching::{self, Judged, Verdict, WARMUP};
+use crate::shell::evaluate::ranking::Ranking;
+use crate::shell::evaluate::score::{self, FALSE_ALARMS, Scorer};
+use crate::shell::formats::clips::Clip;
 use serde::Serialize;
 use std::format;
 use std::string::String;
@@ -150,7 +150,7 @@ pub type JudgedMethod = Vec<Vec<Judged>>;
 pub fn judge_method(clips: &[Clip], method: &Method) -> JudgedMethod {
     let judge = |iou| {
         let clips = clips.iter().zip(&method.clips);
-        clips.map(|(c, d)| judge::judge(&c.ground_truth, &d.found, iou, WARMUP)).collect()
+        clips.map(|(c, d)| matching::judge(&c.ground_truth, &d.found, iou, WARMUP)).collect()
     };
     IOUS.map(judge).into()
 }

@@ -2,13 +2,13 @@
 
 use super::breakdown::ClipTruth;
 use super::methods::Detected;
-use crate::cube::SLICES;
-use crate::shell::clips::Clip;
 use crate::shell::error::Error;
-use crate::shell::judge::{self, Box4, CLASSES, Judged, Verdict};
-use crate::shell::source::{self, Frame};
-use crate::shell::strip as crop;
-use crate::shell::{interrupt, parallel};
+use crate::shell::evaluate::matching::{self, Box4, CLASSES, Judged, Verdict};
+use crate::shell::formats::clips::Clip;
+use crate::shell::pictures::strip as crop;
+use crate::shell::sources::{self, Frame};
+use crate::shell::support::{interrupt, parallel};
+use crate::stcube::cube::SLICES;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::format;
@@ -58,8 +58,8 @@ pub fn misses(clips: &[Clip], judged: &[Judged], truth: &[ClipTruth<'_>]) -> Vec
         }
         let targets = judged.targets.iter().zip(truth.contrast).zip(missed);
         all.extend(targets.filter(|t| t.1).map(|((target, &contrast), _)| {
-            let rect = judge::rect(&target.truth);
-            let class = Some(CLASSES[judge::class(&target.truth)].1);
+            let rect = matching::rect(&target.truth);
+            let class = Some(CLASSES[matching::class(&target.truth)].1);
             let strip = Strip { class, ..strip(clip, index, target.frame, rect, contrast) };
             (rect[2].max(rect[3]) * contrast, strip)
         }));
@@ -140,7 +140,7 @@ pub fn cut(clips: &[Clip], jobs: usize, strips: Vec<Strip>) -> Result<Option<Vec
 
 fn cut_clip(clip: &Clip, strips: &mut [(usize, Strip)]) -> Result<(), Error> {
     let last = strips.iter().map(|(_, strip)| strip.frame).max().unwrap_or(0);
-    let mut source = source::open(&format!("{}", clip.input.display()))?;
+    let mut source = sources::open(&format!("{}", clip.input.display()))?;
     let mut frames: VecDeque<Frame> = VecDeque::new();
     for number in 1..=last {
         // The oldest frame's memory takes the new one.

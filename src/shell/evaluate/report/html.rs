@@ -5,7 +5,7 @@ use super::figures::{Breakdown, Figures, IOUS, MethodFigures, limit_name};
 use super::gallery::{PER_CLIP, Strip};
 use super::plot::{self, Axis, Line, plot};
 use super::regressors;
-use crate::shell::score::FALSE_ALARMS;
+use crate::shell::evaluate::score::FALSE_ALARMS;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use std::format;

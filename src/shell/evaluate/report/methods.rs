@@ -1,11 +1,11 @@
 //! The detections of each method that a report compares, and what is measured beside them on the frames.
 
 use super::contrast::contrast;
-use crate::shell::clips::Clip;
-use crate::shell::detections;
 use crate::shell::error::Error;
-use crate::shell::judge::{Found, WARMUP, must_be_found};
-use crate::shell::source::Frame;
+use crate::shell::evaluate::matching::{Found, WARMUP, must_be_found};
+use crate::shell::formats::clips::Clip;
+use crate::shell::formats::detections;
+use crate::shell::sources::Frame;
 use std::path::{Path, PathBuf};
 use std::string::String;
 use std::vec;
@@ -130,7 +130,8 @@ impl<'a> Watch<'a> {
         self.seen.ours.extend(ours.iter().map(|found| contrast(frame, &found.rect)));
         if number > WARMUP {
             let targets = self.clip.ground_truth.frame(number).iter().filter(|t| must_be_found(t));
-            let targets = targets.map(|t| contrast(frame, &crate::shell::judge::rect(t)));
+            let targets =
+                targets.map(|t| contrast(frame, &crate::shell::evaluate::matching::rect(t)));
             self.seen.targets.extend(targets);
         }
         for (found, seen) in self.others.iter().zip(&mut self.seen.others) {

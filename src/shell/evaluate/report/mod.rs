@@ -16,12 +16,12 @@ mod regressors;
 pub use figures::IOUS;
 pub use methods::{External, Seen, Watch, path_of, readable};
 
-use super::clips::Clip;
-use super::error::Error;
-use super::interrupt::Ended;
-use super::judge::{BIRD, Found, WARMUP};
-use super::pipeline::DetectorArgs;
+use super::matching::{BIRD, Found, WARMUP};
 use crate::model::Model;
+use crate::shell::error::Error;
+use crate::shell::formats::clips::Clip;
+use crate::shell::pipeline::DetectorArgs;
+use crate::shell::support::interrupt::Ended;
 use breakdown::ClipTruth;
 use facts::Facts;
 use figures::{Figures, LOOSE};

@@ -2,7 +2,7 @@
 
 use super::PixelFormat;
 use super::mjpeg;
-use crate::shell::source::{Frame, expand};
+use crate::shell::sources::{Frame, expand};
 
 /// How the pictures of a stream lie in its buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -18,11 +18,11 @@ mod mjpeg;
 pub use controls::Control;
 pub use error::CameraError;
 
-use self::abi::{Buffer, Capability};
-use self::device::{Device, Filled, Stream};
-use self::grey::{Converter, Layout};
-use crate::shell::clock::now_us;
-use crate::shell::source::Frame;
+use crate::shell::sources::Frame;
+use crate::shell::support::clock::now_us;
+use abi::{Buffer, Capability};
+use device::{Device, Filled, Stream};
+use grey::{Converter, Layout};
 use rustix::event::PollFlags;
 use rustix::io::Errno;
 use serde::{Deserialize, Serialize};

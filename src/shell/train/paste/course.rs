@@ -1,6 +1,6 @@
 //! Where a pasted object is: encounters as they happen in flight, drawn at random.
 
-use crate::shell::random::Random;
+use crate::shell::support::random::Random;
 use core::f64::consts::TAU;
 
 /// A degree in radians.

@@ -1,7 +1,7 @@
 //! Objects cut out of recorded frames: what differs from the plain sky around them.
 
-use crate::shell::clips::TruthBox;
-use crate::shell::source::Frame;
+use crate::shell::formats::clips::TruthBox;
+use crate::shell::sources::Frame;
 use std::vec::Vec;
 
 /// Pixels around a box that are cut out with it.

@@ -10,9 +10,9 @@ mod cutout;
 mod turning;
 
 use super::labels::BIRD;
-use crate::shell::clips::TruthBox;
-use crate::shell::random::Random;
-use crate::shell::source::Frame;
+use crate::shell::formats::clips::TruthBox;
+use crate::shell::sources::Frame;
+use crate::shell::support::random::Random;
 use course::Course;
 pub use cutout::Cutout;
 use std::vec::Vec;

@@ -1,9 +1,9 @@
 //! How a camera was turned while it recorded a flight: where it saw a direction of the world.
 
-use crate::shell::camera::CameraFile;
 use crate::shell::error::Error;
-use crate::shell::math::{Rotation, atan2, direction};
-use crate::shell::truth;
+use crate::shell::formats::camera_file::CameraFile;
+use crate::shell::formats::truth;
+use crate::shell::support::vectors::{Rotation, atan2, direction};
 use std::collections::BTreeMap;
 use std::path::Path;
 

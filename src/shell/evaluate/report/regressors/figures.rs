@@ -2,9 +2,9 @@
 
 use super::super::breakdown::{group_of, quartiles, range_names};
 use super::trials::{SEED, Trial, Vector, WAYS};
-use crate::cube::SLICES;
-use crate::motion::MAX_MOVES;
-use crate::shell::judge::{self, SIZES};
+use crate::shell::evaluate::matching::{self, SIZES};
+use crate::stcube::compensation::MAX_MOVES;
+use crate::stcube::cube::SLICES;
 use serde::Serialize;
 use std::borrow::ToOwned;
 use std::format;
@@ -162,8 +162,8 @@ pub fn figures(trials: &[Trial]) -> Option<RegressorFigures> {
 
 fn breakdowns(trials: &[Trial]) -> Vec<Breakdown> {
     let contrasts = quartiles(trials.iter().map(|t| t.contrast).collect());
-    let size = |t: &Trial| judge::size_of(&[0.0, 0.0, t.size, t.size]);
-    let sizes = (0..SIZES.len()).map(judge::size_name).collect();
+    let size = |t: &Trial| matching::size_of(&[0.0, 0.0, t.size, t.size]);
+    let sizes = (0..SIZES.len()).map(matching::size_name).collect();
     let backgrounds = ["registered", "sky: nothing to hold on to"].map(ToOwned::to_owned).into();
     let starts = ["below 0.15", "0.15-0.3", "0.3-0.45", "0.45-0.6", "0.6-"].map(ToOwned::to_owned);
     let older = 1..SLICES;

@@ -1,9 +1,9 @@
 //! A target's patch followed into older frames by pyramidal Lucas-Kanade flow.
 
-use crate::flow::{WINDOW, track};
 use crate::image::Image;
-use crate::pyramid;
-use crate::shell::source::Frame;
+use crate::image::pyramid;
+use crate::registration::lucas_kanade::{WINDOW, track};
+use crate::shell::sources::Frame;
 use std::vec;
 use std::vec::Vec;
 

@@ -2,20 +2,20 @@
 
 use super::super::contrast::contrast;
 use super::flow::{Pictures, follow};
-use crate::cube::{Cube, SLICES, WINDOW};
-use crate::front::{FrontEnd, REACH as BACK};
-use crate::gradient::CELL;
-use crate::levels::{Level, Pyramid};
+use crate::channels::front_end::{FrontEnd, REACH as BACK};
+use crate::channels::scale_space::{Level, Pyramid};
+use crate::image::gradient::CELL;
 use crate::model::Model;
-use crate::motion::{self, Position};
 use crate::registration::Motion;
-use crate::shell::clips::{Clip, GroundTruth, TruthBox};
 use crate::shell::error::Error;
-use crate::shell::judge::{must_be_found, rect};
+use crate::shell::evaluate::matching::{must_be_found, rect};
+use crate::shell::formats::clips::{Clip, GroundTruth, TruthBox};
 use crate::shell::pipeline::{DetectorArgs, Memory};
-use crate::shell::random::Random;
-use crate::shell::source::{self, Frame};
-use crate::shell::{interrupt, parallel};
+use crate::shell::sources::{self, Frame};
+use crate::shell::support::random::Random;
+use crate::shell::support::{interrupt, parallel};
+use crate::stcube::compensation::{self, Position};
+use crate::stcube::cube::{Cube, SLICES, WINDOW};
 use std::collections::VecDeque;
 use std::format;
 use std::vec::Vec;
@@ -124,7 +124,7 @@ fn run_clip(
 ) -> Result<Vec<Trial>, Error> {
     let mut trials = Vec::new();
     let Some(&last) = drawn.last() else { return Ok(trials) };
-    let mut source = source::open(&format!("{}", clip.input.display()))?;
+    let mut source = sources::open(&format!("{}", clip.input.display()))?;
     // Made anew where frames are left out.
     let mut state: Option<(FrontEnd, Memory)> = None;
     let mut recent: VecDeque<Frame> = VecDeque::new();
@@ -188,9 +188,10 @@ impl Scene<'_> {
         let start = Position::centred((q8(0), q8(1)), scale);
         let slices = self.front.slices(&level);
         let mut cube = Cube::EMPTY;
-        let alone = motion::compensate(&slices, None, start, &mut cube);
-        let ours = motion::compensate(&slices, Some(self.model.regressors()), start, &mut cube);
-        let centres = |path: &motion::Path| path.positions.map(|p| p.centre(scale));
+        let alone = compensation::compensate(&slices, None, start, &mut cube);
+        let ours =
+            compensation::compensate(&slices, Some(self.model.regressors()), start, &mut cube);
+        let centres = |path: &compensation::Path| path.positions.map(|p| p.centre(scale));
         let (followed, flow) = self.flow(&slices.motions, start.centre(scale), size);
         let places = [centres(&alone), centres(&ours), flow];
         let off = places.map(|places| {

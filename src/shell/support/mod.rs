@@ -1,0 +1,9 @@
+//! Helpers that know nothing of frames: clock, signals, threads, seeded random numbers, histograms, atomic files.
+
+pub mod atomic_file;
+pub mod clock;
+pub mod histogram;
+pub mod interrupt;
+pub mod parallel;
+pub mod random;
+pub mod vectors;
