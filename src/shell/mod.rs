@@ -11,6 +11,7 @@ pub mod live;
 pub mod pictures;
 pub mod pipeline;
 pub mod preview;
+pub mod render;
 pub mod replay;
 pub mod simulate;
 pub mod sources;

@@ -1,8 +1,9 @@
 //! Where the camera and the target fly.
 
-use super::attitude::{Camera, Sway};
+use super::attitude::Camera;
 use super::shapes::Shape;
 use super::{Kind, SimulateSettings};
+use crate::shell::render::Sway;
 use crate::shell::support::random::Random;
 use crate::shell::support::vectors::{Rotation, Vector, add, atan2, direction, dot, sin_cos};
 use core::ops::Range;

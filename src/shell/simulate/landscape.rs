@@ -1,6 +1,6 @@
 //! The textures of the scene: fields with roads, bushes and trees, and clouds.
 
-use super::noise::{Texture, fractal, hash};
+use crate::shell::render::noise::{Texture, fractal, hash};
 use crate::shell::support::random::Random;
 use std::vec;
 use std::vec::Vec;

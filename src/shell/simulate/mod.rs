@@ -6,7 +6,7 @@
 mod attitude;
 mod encounter;
 mod landscape;
-mod noise;
+
 mod scene;
 mod settings;
 mod shapes;

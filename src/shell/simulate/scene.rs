@@ -1,7 +1,7 @@
 //! What the camera sees without the target: ground, trees, hills and sky along a ray.
 
 use super::landscape;
-use super::noise::{Texture, fractal};
+use crate::shell::render::noise::{Texture, fractal};
 use crate::shell::support::random::Random;
 use crate::shell::support::vectors::{Rotation, Vector};
 use std::vec::Vec;

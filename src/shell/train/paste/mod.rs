@@ -6,15 +6,15 @@
 //! camera's attitude has to be known.
 
 mod course;
-mod cutout;
+
 mod turning;
 
 use super::labels::BIRD;
 use crate::shell::formats::clips::TruthBox;
+use crate::shell::render::Cutout;
 use crate::shell::sources::Frame;
 use crate::shell::support::random::Random;
 use course::Course;
-pub use cutout::Cutout;
 use std::vec::Vec;
 pub use turning::Turning;
 

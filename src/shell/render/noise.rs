@@ -3,7 +3,7 @@
 use std::vec::Vec;
 
 /// 32 random bits of a lattice point.
-pub(super) fn hash(x: u32, y: u32, seed: u32) -> u32 {
+pub(in crate::shell) fn hash(x: u32, y: u32, seed: u32) -> u32 {
     let mut bits = x.wrapping_mul(0x9e37_79b1)
         ^ y.wrapping_mul(0x85eb_ca77).rotate_left(13)
         ^ seed.wrapping_mul(0xc2b2_ae3d);
@@ -36,7 +36,7 @@ fn value_noise(x: u32, y: u32, size: u32, cell: u32, seed: u32) -> u32 {
 
 /// Fractal noise in 0..=65535: cells of `1 << cell` texels and each finer octave down to
 /// `1 << finest`, every one with `fall` / 256 of the strength of the one before.
-pub(super) fn fractal(
+pub(in crate::shell) fn fractal(
     x: u32,
     y: u32,
     size: u32,
@@ -57,14 +57,14 @@ pub(super) fn fractal(
 
 /// A square periodic picture with its halved copies, for sampling at any scale.
 #[derive(Debug, Clone)]
-pub(super) struct Texture {
+pub(in crate::shell) struct Texture {
     levels: Vec<Vec<u8>>,
     size: u32,
 }
 
 impl Texture {
     /// Calls `texel` for every place of a tile of `1 << size` texels.
-    pub(super) fn new(size: u32, mut texel: impl FnMut(u32, u32) -> u8) -> Self {
+    pub(in crate::shell) fn new(size: u32, mut texel: impl FnMut(u32, u32) -> u8) -> Self {
         let side = 1u32 << size;
         let finest = (0..side * side).map(|place| texel(place & (side - 1), place >> size));
         let mut levels: Vec<Vec<u8>> = Vec::with_capacity(size as usize + 1);
@@ -88,7 +88,7 @@ impl Texture {
     /// Value in 1/256 at (u, v), in 1/256 texel of the finest level, blended between neighbouring
     /// texels and levels; `lod` is the level in 1/256.
     #[inline]
-    pub(super) fn sample(&self, u: i64, v: i64, lod: u32) -> u32 {
+    pub(in crate::shell) fn sample(&self, u: i64, v: i64, lod: u32) -> u32 {
         let (level, fine) = ((lod >> 8).min(self.size), lod & 255);
         let here = self.bilinear(u, v, level);
         if fine == 0 || level == self.size {

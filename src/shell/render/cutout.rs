@@ -1,5 +1,6 @@
 //! Objects cut out of recorded frames: what differs from the plain sky around them.
 
+use super::BIRD;
 use crate::shell::formats::clips::TruthBox;
 use crate::shell::sources::Frame;
 use std::vec::Vec;
@@ -15,6 +16,9 @@ const PLAIN: f64 = 4.0;
 
 /// Lengths of objects that are cut out, pixels along the longer side: large enough to be shown smaller.
 const LENGTHS: core::ops::RangeInclusive<f64> = 18.0..=160.0;
+
+/// The same of birds, which are filmed from farther away.
+const BIRD_LENGTHS: core::ops::RangeInclusive<f64> = 10.0..=160.0;
 
 /// Opacity from which on a pixel belongs to the object's box, of 255.
 const SOLID: u8 = 51;
@@ -36,7 +40,8 @@ impl Cutout {
     /// Cuts the object in the box out of `frame`; none where it is too small, too large, cut by the frame's edge, or
     /// not before a plain sky.
     pub fn cut(frame: &Frame, truth: &TruthBox) -> Option<Self> {
-        if truth.visibility < 1.0 || !LENGTHS.contains(&truth.width.max(truth.height)) {
+        let lengths = if truth.class == BIRD { BIRD_LENGTHS } else { LENGTHS };
+        if truth.visibility < 1.0 || !lengths.contains(&truth.width.max(truth.height)) {
             return None;
         }
         let span = |from: f64, length: f64, end: usize| {
@@ -82,13 +87,27 @@ impl Cutout {
         };
         let (x, y) = (range(|at| at.0)?, range(|at| at.1)?);
         let bounds = [x.0, y.0, x.1, y.1];
-        LENGTHS.contains(&x.1.max(y.1)).then_some(Self {
+        lengths.contains(&x.1.max(y.1)).then_some(Self {
             width,
             height,
             pixels,
             bounds,
             class: truth.class,
         })
+    }
+
+    /// An object of pixels that are known: opacity and light of each, row by row; none where nothing of it is solid.
+    pub(super) fn of(
+        width: usize,
+        height: usize,
+        pixels: Vec<[u8; 2]>,
+        class: u32,
+    ) -> Option<Self> {
+        let solid = || (0..width * height).filter(|&i| pixels[i][0] >= SOLID);
+        let (left, right) = (solid().map(|i| i % width).min()?, solid().map(|i| i % width).max()?);
+        let (top, bottom) = (solid().next()? / width, solid().next_back()? / width);
+        let bounds = [left, top, right + 1 - left, bottom + 1 - top].map(|v| v as f64);
+        Some(Self { width, height, pixels, bounds, class })
     }
 
     /// Opacity (0 to 1) and light (grey levels times opacity) at a point, between the centres of its pixels bilinear;
