@@ -13,8 +13,10 @@ use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
 
-/// Most frames of a cut-out object in a row, and fewest.
-const RUN: core::ops::RangeInclusive<usize> = 8..=32;
+/// Most frames of a cut-out object in a row.
+const LONGEST: usize = 32;
+/// Fewest frames of a cut-out target in a row, and of a bird.
+const SHORTEST: [usize; 2] = [8, 4];
 /// Most runs of a clip.
 const RUNS: usize = 6;
 /// Most frames of a clip that are searched for objects.
@@ -129,6 +131,10 @@ fn runs(clip: &Clip) -> Result<Vec<Run>, RenderError> {
     let mut source = sources::open(&clip.input.display().to_string())?;
     let mut frame = Frame::default();
     let mut runs = Vec::new();
+    let is_long = |run: &Run| {
+        let bird = run.first().is_some_and(|first| first.class == super::BIRD);
+        run.len() >= SHORTEST[usize::from(bird)]
+    };
     let mut run = Run::new();
     let (mut number, mut next) = (0, 0);
     while runs.len() < RUNS && number < SEARCHED && source.next_frame(&mut frame)? {
@@ -139,15 +145,15 @@ fn runs(clip: &Clip) -> Result<Vec<Run>, RenderError> {
         };
         let ended = object.is_none();
         run.extend(object);
-        if run.len() == *RUN.end() || ended {
+        if run.len() == LONGEST || ended {
             let run = core::mem::take(&mut run);
-            if run.len() >= *RUN.start() {
+            if is_long(&run) {
                 next = number + PAUSE;
                 runs.push(run);
             }
         }
     }
-    if run.len() >= *RUN.start() {
+    if is_long(&run) {
         runs.push(run);
     }
     Ok(runs)

@@ -23,6 +23,8 @@ type Node = [i32; 6];
 #[derive(Debug, Clone)]
 pub(super) struct Renderer {
     nodes: Vec<Node>,
+    /// Those of the frame before; empty before the first.
+    before: Vec<Node>,
     /// Displacements of the shimmer, 1/16 of its amplitude; wraps round.
     pattern: Vec<[i8; 2]>,
     columns: usize,
@@ -48,7 +50,7 @@ impl Renderer {
             }
         }
         let pattern = field.iter().map(|v| v.map(|v| (v / 4).clamp(-32, 32) as i8)).collect();
-        Self { nodes: vec![[0; 6]; columns * rows], pattern, columns }
+        Self { nodes: vec![[0; 6]; columns * rows], before: Vec::new(), pattern, columns }
     }
 
     /// Computes the nodes of the frame at `time` (its middle row); `false` where a ray misses the surface: that node
@@ -101,6 +103,9 @@ impl Renderer {
         (time, index): (f64, u64),
         pixels: &mut [u8],
     ) {
+        if index > 0 {
+            self.before.clone_from(&self.nodes);
+        }
         self.aim(scene, motion, view, time);
         let width = view.size[0] as usize;
         let blocks = scene.width.div_ceil(BLOCK);
@@ -149,8 +154,8 @@ impl Renderer {
                         let place = |v: i32, shift: usize| (((v >> 17) as usize) + shift) % PATTERN;
                         let [right, lower] =
                             self.pattern[place(y, wave[1]) * PATTERN + place(x, wave[0])];
-                        x += i32::from(right) * moving << 7;
-                        y += i32::from(lower) * moving << 7;
+                        x += (i32::from(right) * moving) << 7;
+                        y += (i32::from(lower) * moving) << 7;
                     }
                     let mut sum = 0;
                     for look in 0..looks {
@@ -172,5 +177,38 @@ impl Renderer {
                 }
             }
         }
+    }
+
+    /// Where the background of every [`NODE`] x [`NODE`] pixels was in the frame before, row by row: offsets in quarters
+    /// of a pixel.
+    pub(super) fn motions(&self, scene: &Scene) -> Vec<[i32; 2]> {
+        let (columns, rows) = (self.columns - 1, self.nodes.len() / self.columns - 1);
+        if self.before.is_empty() {
+            return vec![[0; 2]; columns * rows];
+        }
+        let motion = |index: usize| {
+            let at = index / columns * self.columns + index % columns;
+            let corners = [at, at + 1, at + self.columns, at + self.columns + 1];
+            let mean = |nodes: &[Node], i: usize| {
+                corners.map(|c| f64::from(nodes[c][i])).iter().sum::<f64>() / 4.0
+            };
+            let place = [0, 1].map(|i: usize| mean(&self.nodes, i) / 65_536.0);
+            let relief = scene.relief_at(place) * 255.0;
+            let seen = |nodes: &[Node], i: usize| mean(nodes, i) + relief * mean(nodes, i + 2);
+            // Texture pixels that one pixel to the right and one downwards are.
+            let slope = |a: usize, b: usize, i: usize| {
+                f64::from(self.before[b][i] - self.before[a][i]) / NODE as f64
+            };
+            let right = [0, 1].map(|i: usize| slope(corners[0], corners[1], i));
+            let down = [0, 1].map(|i: usize| slope(corners[0], corners[2], i));
+            let [x, y] = [0, 1].map(|i: usize| seen(&self.nodes, i) - seen(&self.before, i));
+            let area = right[0] * down[1] - right[1] * down[0];
+            if area.abs() < 1e6 {
+                return [0; 2];
+            }
+            let offset = [(x * down[1] - y * down[0]) / area, (y * right[0] - x * right[1]) / area];
+            offset.map(|v| ((v * 4.0 + 1000.5).clamp(0.0, 2000.0)) as i32 - 1000)
+        };
+        (0..columns * rows).map(motion).collect()
     }
 }

@@ -215,7 +215,8 @@ impl<'a> Flight<'a> {
             (1..).zip(&self.targets).map(|(id, target)| target_truth(id, target, time)).collect();
         self.craft.draw(index, view, &mut frame.pixels);
         self.sensor.apply((time, index), width, &mut frame.pixels);
-        self.codec.apply(&mut frame.pixels);
+        let motions = self.renderer.motions(scene);
+        self.codec.apply(&mut frame.pixels, &motions);
         Some(truth)
     }
 

@@ -23,7 +23,7 @@ const MEASURED: f64 = 6.0;
 /// Texture pixels a side of a cell of [`Scene::nearest`].
 pub(super) const BLOCK: usize = 32;
 /// Largest share of the distance to the nearest surface that a flight may travel.
-const TRAVEL: f64 = 0.2;
+const TRAVEL: f64 = 0.35;
 
 /// The background of a flight.
 #[derive(Debug, Clone)]
@@ -186,7 +186,7 @@ impl Scene {
                     }
                     let x = cell * STEP + i;
                     pixels[y * self.width + x] = ((sum / (parts * parts) + 128) >> 8) as u8;
-                    if x % 2 == 0 && y % 2 == 0 {
+                    if x.is_multiple_of(2) && y.is_multiple_of(2) {
                         let [x_source, y_source] = [
                             wrap(place[0] as i64, wide, panorama),
                             wrap(place[1] as i64, high, false),
@@ -258,9 +258,7 @@ impl Scene {
                     || sky[index - x + x.saturating_sub(4)]
                     || sky[index - x + (x + 4).min(wide - 1)];
                 let grey = f64::from(grey(x, y));
-                if near_sky && (grey - mean).abs() < tolerance
-                    || grey - mean > tolerance && near_sky
-                {
+                if near_sky && grey - mean > -tolerance {
                     continue;
                 }
                 let (small, large) = (sums.mean(x, y, 5), sums.mean(x, y, 28));
