@@ -7,20 +7,19 @@ use lookout::shell::support::interrupt::{self, Ended};
 use lookout::shell::{bench, doctor, evaluate, live, replay, train};
 use std::io::IsTerminal;
 use std::process::ExitCode;
-use tracing_subscriber::EnvFilter;
-use tracing_subscriber::filter::LevelFilter;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    // A service tells what happens to it; who types a verb sees what is wrong.
-    let silent =
+    // A service logs what happens to it; a verb typed by a person shows what is wrong.
+    let level =
         if matches!(cli.verb, Verb::Run(_)) { LevelFilter::INFO } else { LevelFilter::ERROR };
-    let filter = EnvFilter::builder().with_default_directive(silent.into());
-    tracing_subscriber::fmt()
-        .with_env_filter(filter.with_env_var("LOOKOUT_LOG").from_env_lossy())
+    let stderr = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .init();
+        .with_ansi(std::io::stderr().is_terminal());
+    tracing_subscriber::registry().with(stderr).with(log_filter(level)).init();
     match dispatch(&cli.verb) {
         Ok(Ended::Complete) => ExitCode::SUCCESS,
         Ok(Ended::Interrupted) => interrupt::EXIT_STATUS.into(),
@@ -31,6 +30,20 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Filter of the log: the environment variable `LOOKOUT_LOG` (a level, or `target=level,...`), or `default` where it is not
+/// set or cannot be read.
+fn log_filter(default: LevelFilter) -> Targets {
+    let text = std::env::var("LOOKOUT_LOG").unwrap_or_default();
+    let default = Targets::new().with_default(default);
+    if text.is_empty() {
+        return default;
+    }
+    text.parse().unwrap_or_else(|error| {
+        eprintln!("lookout: LOOKOUT_LOG={text}: {error}; use error, warn, info, debug or trace");
+        default
+    })
 }
 
 fn dispatch(verb: &Verb) -> Result<Ended, Error> {

@@ -4,6 +4,7 @@ use lookout::detector::Detections;
 use lookout::detector::detection::{Detection, SHIFTS, Shift};
 use lookout::image::Rect;
 use lookout::mavlink::component::{Outgoing, Trust};
+use lookout::mavlink::dialect::*;
 use lookout::mavlink::lookout::Onboard;
 use lookout::shell::formats::camera_file::CameraFile;
 use lookout::shell::link::Links;
@@ -12,8 +13,7 @@ use lookout::shell::simulate::{Kind, SimulateSettings, Simulator, Telemetry};
 use lookout::shell::sources::{Frame, FrameSource, Simulated};
 use lookout::tracking::tracker;
 use lookout::tracking::traffic::{Level, Traffic};
-use mavlink::dialects::ardupilotmega::*;
-use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message};
+use mavlink_core::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message};
 use std::net::UdpSocket;
 use std::time::Duration;
 
@@ -401,7 +401,8 @@ fn strange_frames_among_the_good_ones() {
             for (at, byte) in bytes[10..10 + length].iter_mut().enumerate() {
                 *byte = (state >> (at % 48)) as u8;
             }
-            let crc = mavlink::calculate_crc(&bytes[1..10 + length], MavMessage::extra_crc(id));
+            let crc =
+                mavlink_core::calculate_crc(&bytes[1..10 + length], MavMessage::extra_crc(id));
             bytes[10 + length..12 + length].copy_from_slice(&crc.to_le_bytes());
             world.onboard.hear(1, &MAVLinkMessageRaw::V2(frame), Trust::Open, world.now);
         }

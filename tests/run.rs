@@ -9,9 +9,9 @@ mod golden;
 mod live;
 
 use live::{ACTIVE, CRITICAL, Fault, Faults, Ground, MODEL, PATIENCE, Run, drawn, listed};
+use lookout::mavlink::dialect::MavMessage;
 use lookout::shell::live::source::{LiveError, LiveSource, Open, Taken};
 use lookout::shell::sources::Frame;
-use mavlink::dialects::ardupilotmega::MavMessage;
 use serde_json::Value;
 use std::fs;
 use std::net::TcpListener;

@@ -9,7 +9,7 @@ mod golden;
 mod live;
 
 use live::{ACTIVE, Ground, PATIENCE, listed};
-use mavlink::dialects::ardupilotmega::MavMessage;
+use lookout::mavlink::dialect::MavMessage;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::net::UnixDatagram;

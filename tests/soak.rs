@@ -12,7 +12,7 @@ mod golden;
 mod live;
 
 use live::{Faults, Ground, MODEL, PATIENCE, Run, drawn};
-use mavlink::dialects::ardupilotmega::MavMessage;
+use lookout::mavlink::dialect::MavMessage;
 use std::time::{Duration, Instant};
 use std::{env, fs, thread};
 

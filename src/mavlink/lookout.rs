@@ -13,7 +13,7 @@ use crate::mavlink::messages::{Blind, Health};
 use crate::tracking::tracker;
 use crate::tracking::traffic::{MAX_TRAFFIC, Traffic};
 use crate::tracking::{Settings, Watch};
-use mavlink::MAVLinkMessageRaw;
+use mavlink_core::MAVLinkMessageRaw;
 
 /// Bits after the point of a quaternion's numbers.
 const QUATERNION_BITS: u32 = 30;
@@ -155,8 +155,8 @@ fn settings(tracks: tracker::Settings, parameters: &Parameters) -> Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mavlink::dialect::{HEARTBEAT_DATA, MavAutopilot};
     use crate::mavlink::messages::{self, Payload};
-    use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavAutopilot};
 
     #[test]
     fn the_parameters_defaults_are_those_of_the_tracker() {

@@ -5,5 +5,6 @@
 //! component.
 
 pub mod component;
+pub mod dialect;
 pub mod lookout;
 pub mod messages;

@@ -1,14 +1,14 @@
 //! A live lookout in a test: a camera that is drawn, faults at will, and somebody on the ground who listens.
 
 use super::golden;
+use lookout::mavlink::dialect::{HEARTBEAT_DATA, MavMessage};
 use lookout::shell::live::config::Config;
 use lookout::shell::live::service::{self, Summary};
 use lookout::shell::live::source::{LiveError, LiveSource, Open, Taken};
 use lookout::shell::sources::Frame;
 use lookout::shell::support::clock::now_us;
 use lookout::shell::support::interrupt::Control;
-use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavMessage};
-use mavlink::{MAVLinkV2MessageRaw, MavlinkVersion, Message};
+use mavlink_core::{MAVLinkV2MessageRaw, MavlinkVersion, Message};
 use std::fs;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};

@@ -13,8 +13,8 @@ use lookout::image::Image;
 use lookout::model::{Method, Model, ModelError};
 use lookout::mavlink::lookout::Onboard;
 use lookout::tracking::tracker;
-use mavlink::MavlinkReader;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink_core::MavlinkReader;
+use lookout::mavlink::dialect::Frames;
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// The model in flash.
@@ -100,7 +100,7 @@ impl Firmware {
         while !bytes.is_empty() {
             bytes = self.reader.get_mut().fill(bytes);
             // An error says only that the bytes are at their end; half a frame stays in the reader.
-            while let Ok(frame) = self.reader.read_any_raw_message::<MavMessage>() {
+            while let Ok(frame) = self.reader.read_any_raw_message_with_dialect(&Frames) {
                 self.onboard.hear(LINE, &frame, Trust::Open, now_us);
             }
         }

@@ -2,13 +2,13 @@
 
 use super::clock::Clock;
 use super::{Component, Destination, Event, Sender};
-use crate::mavlink::messages::{Payload, Vehicle, angle};
-use fixed::types::{I2F30, I8F24};
-use mavlink::dialects::ardupilotmega::{
+use crate::mavlink::dialect::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, MavCmd,
     SYSTEM_TIME_DATA, TIMESYNC_DATA,
 };
-use mavlink::{MavlinkVersion, MessageData};
+use crate::mavlink::messages::{Payload, Vehicle, angle};
+use fixed::types::{I2F30, I8F24};
+use mavlink_core::{MavlinkVersion, MessageData};
 
 /// MAV_AUTOPILOT_INVALID: not an autopilot.
 const NO_AUTOPILOT: u8 = 8;

@@ -5,11 +5,11 @@
 //! Source: <https://mavlink.io/en/services/command.html>.
 
 use super::{Component, Destination, Sender};
+use crate::mavlink::dialect::{COMMAND_ACK_DATA, MavMessage};
 use crate::mavlink::messages::{Payload, status};
 use fixed::types::{I16F16, I48F16};
-use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavMessage};
-use mavlink::error::ParserError;
-use mavlink::{MavlinkVersion, MessageData};
+use mavlink_core::error::ParserError;
+use mavlink_core::{MavlinkVersion, MessageData};
 
 const REQUEST_MESSAGE: u16 = 512;
 const SET_MESSAGE_INTERVAL: u16 = 511;
@@ -64,7 +64,7 @@ impl MessageData for Acknowledgement {
         let fields =
             [low, high, self.verdict as u8, 0, 0, 0, 0, 0, self.to.system, self.to.component];
         payload[..fields.len()].copy_from_slice(&fields);
-        mavlink::utils::remove_trailing_zeroes(&payload[..fields.len()])
+        mavlink_core::utils::remove_trailing_zeroes(&payload[..fields.len()])
     }
 
     fn deser(_version: MavlinkVersion, _payload: &[u8]) -> Result<Self, ParserError> {
@@ -228,8 +228,7 @@ impl Component {
             }
             None => 0,
         };
-        let data =
-            mavlink::dialects::ardupilotmega::MESSAGE_INTERVAL_DATA { interval_us, message_id: id };
+        let data = crate::mavlink::dialect::MESSAGE_INTERVAL_DATA { interval_us, message_id: id };
         self.say(Destination::Link(command.from.link), command.component, true, &data);
     }
 

@@ -13,18 +13,18 @@ mod streams;
 pub use autopilot::Autopilot;
 pub use clock::Clock;
 
+use crate::mavlink::dialect::{
+    ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COLLISION_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
+    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA,
+    PARAM_SET_DATA, SYSTEM_TIME_DATA, TIMESYNC_DATA,
+};
 use crate::mavlink::messages::status::State;
 use crate::mavlink::messages::text::Alerts;
 use crate::mavlink::messages::{Health, Payload, Vehicle};
 use crate::tracking::traffic::{Level, MAX_TRAFFIC, Traffic};
 use commands::{Fields, Follow};
 use fixed::types::I16F16;
-use mavlink::dialects::ardupilotmega::{
-    ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COLLISION_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
-    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA,
-    PARAM_SET_DATA, SYSTEM_TIME_DATA, TIMESYNC_DATA,
-};
-use mavlink::{MAVLinkMessageRaw, MessageData};
+use mavlink_core::{MAVLinkMessageRaw, MessageData};
 use parameters::{Parameter, Parameters};
 use streams::{STREAMS, Seen, Timer};
 

@@ -6,12 +6,12 @@
 
 use super::commands::Fields;
 use super::{Component, Destination, Event, Sender};
-use fixed::types::I16F16;
-use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{
+use crate::mavlink::dialect::{
     MavParamType, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_VALUE_DATA,
 };
-use mavlink::types::CharArray;
+use fixed::types::I16F16;
+use mavlink_core::MessageData;
+use mavlink_core::types::CharArray;
 
 /// A parameter. Its number is its index on the wire; the set never changes while the program runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -2,14 +2,14 @@
 
 use super::parameters::Parameter;
 use super::{Component, Destination};
-use crate::mavlink::messages::{self, Payload, adsb, obstacle, status};
-use crate::tracking::traffic::{Level, Traffic};
-use fixed::types::I16F16;
-use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{
+use crate::mavlink::dialect::{
     ADSB_VEHICLE_DATA, CAMERA_TRACKING_IMAGE_STATUS_DATA, COLLISION_DATA, HEARTBEAT_DATA,
     NAMED_VALUE_FLOAT_DATA, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA,
 };
+use crate::mavlink::messages::{self, Payload, adsb, obstacle, status};
+use crate::tracking::traffic::{Level, Traffic};
+use fixed::types::I16F16;
+use mavlink_core::MessageData;
 
 /// MAV_AUTOPILOT_ARDUPILOTMEGA.
 const ARDUPILOT: u8 = 3;

@@ -4,14 +4,14 @@
 //! is sent without a range, since both messages speak of places.
 
 use super::{Vehicle, angle};
-use crate::tracking::traffic::{Level, Traffic};
-use core::fmt::Write;
-use fixed::types::I16F16;
-use mavlink::dialects::ardupilotmega::{
+use crate::mavlink::dialect::{
     ADSB_VEHICLE_DATA, AdsbAltitudeType, AdsbEmitterType, AdsbFlags, COLLISION_DATA,
     MavCollisionAction, MavCollisionSrc, MavCollisionThreatLevel,
 };
-use mavlink::types::CharArray;
+use crate::tracking::traffic::{Level, Traffic};
+use core::fmt::Write;
+use fixed::types::I16F16;
+use mavlink_core::types::CharArray;
 
 /// The first of the synthetic ids; those below 256 could be system ids.
 pub const FIRST_ID: u32 = 0x000100;

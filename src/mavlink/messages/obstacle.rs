@@ -5,11 +5,11 @@
 
 use super::adsb::offset_q16;
 use super::angle;
-use crate::tracking::traffic::Traffic;
-use fixed::types::I16F16;
-use mavlink::dialects::ardupilotmega::{
+use crate::mavlink::dialect::{
     MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA,
 };
+use crate::tracking::traffic::Traffic;
+use fixed::types::I16F16;
 
 /// Least distance told, in centimetres.
 pub const MIN_CM: u16 = 100;

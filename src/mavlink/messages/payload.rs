@@ -1,8 +1,8 @@
 //! A message's payload in bytes, and the frame around it.
 
+use crate::mavlink::dialect::MavMessage;
 use core::fmt;
-use mavlink::dialects::ardupilotmega::MavMessage;
-use mavlink::{MAV_STX_V2, MAVLinkV2MessageRaw, MavlinkVersion, Message, MessageData, consts};
+use mavlink_core::{MAV_STX_V2, MAVLinkV2MessageRaw, MavlinkVersion, Message, MessageData, consts};
 
 /// Payload of a message, MAVLink 2, trailing zeros cut off.
 ///
@@ -60,7 +60,7 @@ impl Payload {
         let end = head.len() + usize::from(self.length);
         frame[..head.len()].copy_from_slice(&head);
         frame[head.len()..end].copy_from_slice(self.bytes());
-        let crc = mavlink::calculate_crc(&frame[consts::STX_SIZE..end], self.extra_crc);
+        let crc = mavlink_core::calculate_crc(&frame[consts::STX_SIZE..end], self.extra_crc);
         frame[end..end + consts::CHECKSUM_SIZE].copy_from_slice(&crc.to_le_bytes());
         raw
     }
@@ -81,8 +81,8 @@ impl fmt::Debug for Payload {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavlink::MavHeader;
-    use mavlink::dialects::ardupilotmega::{SYSTEM_TIME_DATA, TIMESYNC_DATA};
+    use crate::mavlink::dialect::{SYSTEM_TIME_DATA, TIMESYNC_DATA};
+    use mavlink_core::MavHeader;
     use proptest::prelude::*;
 
     proptest! {

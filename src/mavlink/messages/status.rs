@@ -1,15 +1,15 @@
 //! The lookout about itself: HEARTBEAT, health, versions, and the box on the video.
 
 use super::{Blind, Health};
-use crate::tracking::traffic::Traffic;
-use fixed::types::I16F16;
-use mavlink::dialects::ardupilotmega::{
+use crate::mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, CAMERA_INFORMATION_DATA, CAMERA_TRACKING_IMAGE_STATUS_DATA,
     COMPONENT_INFORMATION_BASIC_DATA, CameraCapFlags, CameraTrackingMode,
     CameraTrackingStatusFlags, CameraTrackingTargetData, HEARTBEAT_DATA, MavAutopilot, MavModeFlag,
     MavProtocolCapability, MavState, MavType, NAMED_VALUE_FLOAT_DATA,
 };
-use mavlink::types::CharArray;
+use crate::tracking::traffic::Traffic;
+use fixed::types::I16F16;
+use mavlink_core::types::CharArray;
 
 /// How the lookout is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -125,9 +125,8 @@ pub fn version() -> AUTOPILOT_VERSION_DATA {
 }
 
 /// PROTOCOL_VERSION (300): MAVLink 2 and nothing else.
-#[expect(deprecated, reason = "ground stations of today still ask for it")]
-pub fn protocol() -> mavlink::dialects::ardupilotmega::PROTOCOL_VERSION_DATA {
-    mavlink::dialects::ardupilotmega::PROTOCOL_VERSION_DATA {
+pub fn protocol() -> crate::mavlink::dialect::PROTOCOL_VERSION_DATA {
+    crate::mavlink::dialect::PROTOCOL_VERSION_DATA {
         version: 200,
         min_version: 200,
         max_version: 200,

@@ -4,10 +4,10 @@
 //! Every text costs attention, so an aircraft gets a new one only when it has become more urgent.
 
 use super::{Blind, adsb, angle};
+use crate::mavlink::dialect::{MavSeverity, STATUSTEXT_DATA};
 use crate::tracking::traffic::{Level, Traffic};
 use core::fmt::Write;
-use mavlink::dialects::ardupilotmega::{MavSeverity, STATUSTEXT_DATA};
-use mavlink::types::CharArray;
+use mavlink_core::types::CharArray;
 
 /// Letters in one text; longer ones would need chunks.
 pub const LENGTH: usize = 50;

@@ -3,12 +3,12 @@
 use super::parameters::{self, Check, Purpose};
 use super::probe::Probe;
 use super::timing::{Rate, Sync};
-use crate::mavlink::messages::Payload;
-use mavlink::dialects::ardupilotmega::{
+use crate::mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage,
     MavModeFlag, MavState, MavType, PARAM_REQUEST_READ_DATA,
 };
-use mavlink::{MAVLinkMessageRaw, Message, MessageData};
+use crate::mavlink::messages::Payload;
+use mavlink_core::{MAVLinkMessageRaw, Message, MessageData};
 use std::collections::BTreeMap;
 use std::string::String;
 use std::vec::Vec;

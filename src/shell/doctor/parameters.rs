@@ -5,7 +5,7 @@
 //! <https://docs.px4.io/main/en/advanced_config/parameter_reference.html>.
 
 use super::examination::{Finding, Mark};
-use mavlink::dialects::ardupilotmega::{MavAutopilot, MavParamType};
+use crate::mavlink::dialect::{MavAutopilot, MavParamType};
 use std::format;
 use std::string::String;
 

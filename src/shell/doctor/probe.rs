@@ -4,11 +4,11 @@
 //! PX4 tells what it made of it as OBSTACLE_DISTANCE.
 
 use super::examination::{Finding, Mark};
-use crate::mavlink::messages::Payload;
-use mavlink::dialects::ardupilotmega::{
+use crate::mavlink::dialect::{
     MavAutopilot, MavDistanceSensor, MavFrame, MavMessage, MavSensorOrientation,
     MavSysStatusSensor, OBSTACLE_DISTANCE_DATA,
 };
+use crate::mavlink::messages::Payload;
 use std::format;
 use std::string::String;
 use std::vec::Vec;

@@ -1,9 +1,9 @@
 //! Examinations of simulated autopilots.
 
 use super::*;
+use crate::mavlink::dialect::*;
 use crate::mavlink::messages::Payload;
-use mavlink::dialects::ardupilotmega::*;
-use mavlink::{MAVLinkMessageRaw, MavHeader};
+use mavlink_core::{MAVLinkMessageRaw, MavHeader};
 use std::collections::BTreeMap;
 use std::string::String;
 use std::vec;
@@ -107,10 +107,7 @@ impl Autopilot {
                 ..*data
             })),
             MavMessage::OBSTACLE_DISTANCE(data) => {
-                assert_eq!(
-                    data.frame,
-                    mavlink::dialects::ardupilotmega::MavFrame::MAV_FRAME_BODY_FRD
-                );
+                assert_eq!(data.frame, crate::mavlink::dialect::MavFrame::MAV_FRAME_BODY_FRD);
                 // ArduPilot's parameter decides whether it looks at it.
                 if self.parameters.get("PRX1_TYPE").is_some_and(|&(value, _)| value == 2.0) {
                     self.obstacle = data.distances.iter().copied().min();
@@ -128,7 +125,7 @@ impl Autopilot {
 }
 
 fn raw(system: u8, component: u8, message: &MavMessage) -> MAVLinkMessageRaw {
-    let mut raw = mavlink::MAVLinkV2MessageRaw::new();
+    let mut raw = mavlink_core::MAVLinkV2MessageRaw::new();
     let header = MavHeader { system_id: system.into(), component_id: component, sequence: 0 };
     raw.serialize_message(header, message);
     MAVLinkMessageRaw::V2(raw)

@@ -1,8 +1,8 @@
 //! How often messages come, and how well the autopilot's clock is known.
 
 use super::examination::{Finding, Mark};
+use crate::mavlink::dialect::TIMESYNC_DATA;
 use crate::mavlink::messages::Payload;
-use mavlink::dialects::ardupilotmega::TIMESYNC_DATA;
 use std::collections::VecDeque;
 use std::format;
 use std::vec::Vec;
@@ -115,7 +115,7 @@ impl Sync {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavlink::dialects::ardupilotmega::MavMessage;
+    use crate::mavlink::dialect::MavMessage;
 
     #[test]
     fn rates() {

@@ -7,10 +7,10 @@
 //! A log may be damaged: a cut end, holes, other bytes between. A record counts where a checksum holds, in search of
 //! the next one every byte is tried.
 
-use mavlink::consts::{self, MAX_FRAME_SIZE};
-use mavlink::dialects::ardupilotmega::MavMessage;
-use mavlink::error::ParserError;
-use mavlink::{
+use crate::mavlink::dialect::{Frames, MavMessage};
+use mavlink_core::consts::{self, MAX_FRAME_SIZE};
+use mavlink_core::error::ParserError;
+use mavlink_core::{
     MAV_STX, MAV_STX_V2, MAVLinkMessageRaw, MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader,
     Message,
 };
@@ -92,11 +92,12 @@ fn copy(to: &mut [u8], from: &[u8]) {
 
 /// How many bytes the whole frame at the start of `bytes` has; `None` if there is none whose checksum holds.
 fn frame_len(bytes: &[u8]) -> Option<usize> {
-    let (len, valid) = match raw(bytes)? {
-        MAVLinkMessageRaw::V1(raw) => (raw.raw_bytes().len(), raw.has_valid_crc::<MavMessage>()),
-        MAVLinkMessageRaw::V2(raw) => (raw.raw_bytes().len(), raw.has_valid_crc::<MavMessage>()),
+    let raw = raw(bytes)?;
+    let len = match &raw {
+        MAVLinkMessageRaw::V1(raw) => raw.raw_bytes().len(),
+        MAVLinkMessageRaw::V2(raw) => raw.raw_bytes().len(),
     };
-    (valid && len <= bytes.len()).then_some(len)
+    (len <= bytes.len() && Frames::has_valid_crc(&raw)).then_some(len)
 }
 
 /// Why a log cannot be read.

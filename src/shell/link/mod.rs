@@ -18,7 +18,7 @@ use crate::mavlink::component::{Destination, Outgoing, Trust};
 use crate::shell::support::histogram::Histogram;
 use budget::Budget;
 use crossbeam_channel::{Receiver, Sender, bounded};
-use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, consts};
+use mavlink_core::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, consts};
 use signing::Signing;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};

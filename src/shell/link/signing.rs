@@ -6,7 +6,7 @@
 //! Source: <https://mavlink.io/en/guide/message_signing.html>.
 
 use crate::mavlink::component::Trust;
-use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, consts};
+use mavlink_core::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, consts};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::string::ToString;
@@ -153,8 +153,8 @@ impl Signing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mavlink::dialect::{COMMAND_LONG_DATA, SYSTEM_TIME_DATA};
     use crate::mavlink::messages::Payload;
-    use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, SYSTEM_TIME_DATA};
 
     const KEY: [u8; 32] = [7; 32];
     const NOW: u64 = 1_000_000_000;
@@ -166,7 +166,7 @@ mod tests {
     fn signed(signing: &mut Signing, clock: u64) -> MAVLinkMessageRaw {
         let mut frame = frame();
         signing.sign(&mut frame, 4, clock).unwrap();
-        assert!(frame.has_valid_crc::<mavlink::dialects::ardupilotmega::MavMessage>());
+        assert!(frame.has_valid_crc::<crate::mavlink::dialect::MavMessage>());
         MAVLinkMessageRaw::V2(frame)
     }
 

@@ -1,9 +1,9 @@
 use super::*;
 use crate::mavlink::component::parameters::Parameters;
 use crate::mavlink::component::{Component, Config};
+use crate::mavlink::dialect::{Frames, SYSTEM_TIME_DATA};
 use crate::mavlink::messages::Payload;
-use mavlink::MavlinkReader;
-use mavlink::dialects::ardupilotmega::{MavMessage, SYSTEM_TIME_DATA};
+use mavlink_core::MavlinkReader;
 use proptest::prelude::*;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -61,7 +61,7 @@ fn hear(links: &mut Links, want: u32) -> u8 {
 fn numbers(bytes: &[u8]) -> Vec<u32> {
     let mut reader = MavlinkReader::new(bytes);
     let mut found = Vec::new();
-    while let Ok(frame) = reader.read_any_raw_message::<MavMessage>() {
+    while let Ok(frame) = reader.read_any_raw_message_with_dialect(&Frames) {
         found.push(number(&frame));
     }
     found

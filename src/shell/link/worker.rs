@@ -5,12 +5,12 @@ use super::signing::{self, Signing};
 use super::transport::{Transport, is_idle};
 use super::{Inbound, LinkSpec};
 use crate::mavlink::component::Trust;
+use crate::mavlink::dialect::Frames;
 use crate::shell::support::clock::now_us;
 use crate::shell::support::histogram::Histogram;
 use crossbeam_channel::Sender;
-use mavlink::MavlinkReader;
-use mavlink::dialects::ardupilotmega::MavMessage;
-use mavlink::error::MessageReadError;
+use mavlink_core::MavlinkReader;
+use mavlink_core::error::MessageReadError;
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -94,7 +94,7 @@ impl Worker {
         let mut reader = MavlinkReader::new(transport);
         loop {
             for _ in 0..READS {
-                match reader.read_any_raw_message::<MavMessage>() {
+                match reader.read_any_raw_message_with_dialect(&Frames) {
                     Ok(frame) => {
                         let trust = match &self.signing {
                             None => Trust::Open,

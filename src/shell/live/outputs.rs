@@ -14,7 +14,7 @@ use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::link::{Inbound, Links};
 use crate::shell::preview::{Preview, Snapshot, snapshot};
 use crate::tracking::traffic::Traffic;
-use mavlink::MAVLinkV2MessageRaw;
+use mavlink_core::MAVLinkV2MessageRaw;
 use std::format;
 use std::string::String;
 use std::vec::Vec;

@@ -7,7 +7,7 @@ use crate::shell::simulate::Telemetry;
 use crate::shell::sources::{Frame, FrameSource, SourceError};
 use crate::shell::support::clock::now_us;
 use crossbeam_channel::Sender;
-use mavlink::MAVLinkMessageRaw;
+use mavlink_core::MAVLinkMessageRaw;
 use std::boxed::Box;
 use std::iter::Peekable;
 use std::thread;

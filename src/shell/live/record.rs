@@ -20,7 +20,7 @@ use crate::shell::support::clock;
 use crate::tracking::traffic::Traffic;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
-use mavlink::MAVLinkMessageRaw;
+use mavlink_core::MAVLinkMessageRaw;
 use std::collections::VecDeque;
 use std::fs::{self, File};
 use std::io::{self, Write};

@@ -12,7 +12,7 @@ use crate::shell::link::signing::{self, Signing};
 use crate::shell::link::{LinkSpec, Links, params};
 use crate::shell::simulate;
 use crate::shell::support::clock;
-use mavlink::MAVLinkMessageRaw;
+use mavlink_core::MAVLinkMessageRaw;
 use std::boxed::Box;
 use std::collections::BTreeMap;
 use std::fs::File;

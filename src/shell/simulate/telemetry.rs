@@ -8,14 +8,14 @@
 use super::attitude::Camera;
 use super::encounter::encounter;
 use super::{FOCAL, SimulateSettings};
-use crate::shell::sources::frame_time_us;
-use crate::shell::support::random::Random;
-use crate::shell::support::vectors::{Vector, sin_cos};
-use mavlink::dialects::ardupilotmega::{
+use crate::mavlink::dialect::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA,
     MavAutopilot, MavMessage, MavModeFlag, MavState, MavType, SYSTEM_TIME_DATA,
 };
-use mavlink::{MAVLinkV2MessageRaw, MavHeader};
+use crate::shell::sources::frame_time_us;
+use crate::shell::support::random::Random;
+use crate::shell::support::vectors::{Vector, sin_cos};
+use mavlink_core::{MAVLinkV2MessageRaw, MavHeader};
 
 /// When the first frame of a simulated flight is taken, microseconds since 1970: the first moment of 2026, UTC.
 pub const START_US: i64 = 1_767_225_600_000_000;
@@ -201,7 +201,7 @@ mod tests {
     use super::super::Kind;
     use super::*;
     use crate::shell::support::vectors::Rotation;
-    use mavlink::{MavlinkVersion, Message};
+    use mavlink_core::{MavlinkVersion, Message};
     use std::vec::Vec;
 
     fn camera(settings: &SimulateSettings) -> Camera {

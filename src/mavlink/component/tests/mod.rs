@@ -3,11 +3,11 @@
 mod services;
 
 use super::*;
+use crate::mavlink::dialect::*;
 use crate::mavlink::messages::Blind;
 use crate::mavlink::messages::payload::Payload;
 use crate::mavlink::messages::tests::traffic;
 use crate::tracking::traffic::Estimate;
-use mavlink::dialects::ardupilotmega::*;
 use std::vec::Vec;
 
 const SECOND: i64 = 1_000_000;
@@ -124,7 +124,7 @@ impl Flight {
         let of_kind = self.sent.iter().filter(|(_, m)| m.payload.id() == D::ID);
         of_kind
             .map(|&(time, m)| {
-                (time, m, D::deser(mavlink::MavlinkVersion::V2, m.payload.bytes()).unwrap())
+                (time, m, D::deser(mavlink_core::MavlinkVersion::V2, m.payload.bytes()).unwrap())
             })
             .collect()
     }

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::mavlink::messages::tests::any_traffic;
-use mavlink::MAVLinkV2MessageRaw;
-use mavlink::types::CharArray;
+use mavlink_core::MAVLinkV2MessageRaw;
+use mavlink_core::types::CharArray;
 use proptest::prelude::*;
 
 /// COMMAND_LONG with any number, by hand.
@@ -211,7 +211,7 @@ proptest! {
             for (kind, id, payload, [system, sender, link]) in &frames {
                 let id = KINDS.get(*kind).copied().unwrap_or(*id);
                 let [low, middle, high, _] = id.to_le_bytes();
-                let mut bytes = [0; mavlink::consts::MAX_FRAME_SIZE];
+                let mut bytes = [0; mavlink_core::consts::MAX_FRAME_SIZE];
                 let length = payload.len() as u8;
                 bytes[..10].copy_from_slice(&[0xFD, length, 0, 0, 0, system % 3, sender % 3, low, middle, high]);
                 bytes[10..10 + payload.len()].copy_from_slice(payload);

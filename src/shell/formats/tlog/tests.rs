@@ -1,5 +1,6 @@
 use super::*;
-use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, PARAM_VALUE_DATA, SYSTEM_TIME_DATA};
+use crate::mavlink::dialect::{HEARTBEAT_DATA, PARAM_VALUE_DATA, SYSTEM_TIME_DATA};
+use mavlink_core::Dialect;
 use proptest::prelude::*;
 use std::string::ToString;
 use std::vec;
@@ -178,12 +179,16 @@ proptest! {
         }
         frame.extend(&id.to_le_bytes()[..3]);
         frame.extend(&payload);
-        let crc = mavlink::calculate_crc(&frame[1..], MavMessage::extra_crc(id));
+        let known = Frames.extra_crc(id);
+        let crc = mavlink_core::calculate_crc(&frame[1..], known.unwrap_or(0));
         frame.extend(crc.to_le_bytes());
         if flags & 1 != 0 {
             frame.extend([7; 13]);
         }
-        prop_assert_eq!(frame_len(&frame), Some(frame.len()));
+        prop_assert_eq!(frame_len(&frame), known.map(|_| frame.len()));
+        if known.is_none() {
+            return Ok(());
+        }
         let mut log = Vec::new();
         write(&mut log, START, &frame).unwrap();
         let (records, skipped) = read(&log);
