@@ -181,7 +181,8 @@ fn check(prefix: &str, places: &DeTable<'_>, values: &Table) -> Result<(), (usiz
             }
             _ => {
                 let near = KEYS.iter().map(|key| key.name);
-                let near = near.min_by_key(|known| distance(known, &full)).unwrap_or_default();
+                let near =
+                    near.min_by_key(|known| strsim::levenshtein(known, &full)).unwrap_or_default();
                 let reason = format!(
                     "unknown key {full}; is {near} meant? `lookout run --print-config` explains all"
                 );
@@ -194,21 +195,6 @@ fn check(prefix: &str, places: &DeTable<'_>, values: &Table) -> Result<(), (usiz
 
 fn start(place: &Spanned<DeValue<'_>>) -> usize {
     place.span().start
-}
-
-/// Levenshtein's distance.
-fn distance(a: &str, b: &str) -> usize {
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.bytes().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.bytes().enumerate() {
-            let replaced = diagonal + usize::from(x != y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
 }
 
 /// All keys explained, with the values of `config` or their defaults: a file that can be used.
