@@ -7,11 +7,12 @@
 //! and Perona, "Cascaded Pose Regression", CVPR 2010, of a place and two lengths.
 
 use crate::channels::scale_space::{Level, Pyramid};
+use crate::channels::window::{SUBCELL, WINDOW};
 use crate::channels::{Difference, Slice, Square};
 use crate::image::gradient::CELL;
 use crate::image::{Image, Rect};
 use crate::math::fixed::exp2_q16;
-use crate::stcube::cube::{Cube, SCALARS, SUBCELL, WINDOW};
+use crate::stcube::cube::{Cube, SCALARS};
 use crate::stcube::feature::Features;
 use crate::trees::Forest;
 use fixed::types::I28F4;
@@ -283,8 +284,8 @@ mod tests {
         let frame =
             core::array::from_fn(|i| Image::packed(&halves[i], width >> i, height >> i).unwrap());
         scale_space::build(&geometry, &mut bytes, &frame, 0);
-        let frames = [frame; crate::stcube::cube::SLICES];
-        work(&Pyramid::new(&geometry, &bytes, frames, [0; crate::stcube::cube::SLICES]))
+        let frames = [frame; crate::channels::window::SLICES];
+        work(&Pyramid::new(&geometry, &bytes, frames, [0; crate::channels::window::SLICES]))
     }
 
     proptest! {

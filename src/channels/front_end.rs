@@ -5,16 +5,29 @@
 
 use crate::channels::history::{FARTHEST, History, Ring};
 use crate::channels::scale_space::{self, Geometry, Halvings, Picture, Pictures, Pyramid};
+use crate::channels::window::SLICES;
+use crate::channels::{Newest, Slice};
 use crate::image::Image;
 use crate::image::pyramid;
 use crate::registration::warp;
 use crate::registration::{self, LEVELS, Motion};
-use crate::stcube::compensation::Slices;
-use crate::stcube::cube::SLICES;
 
 /// Frames before a frame that its channels depend on, at most; with those of the oldest slice of a cube
 /// [`SLICES`] - 1 more.
 pub const REACH: usize = FARTHEST;
+
+/// Channels of one level of the last frames, of which the slices of a st-cube are cut.
+#[derive(Debug, Clone, Copy)]
+pub struct Slices<'a> {
+    /// Frames on the level, newest first; frames not yet seen repeat the oldest. Slices that are not there stay empty.
+    pub slices: [Option<Slice<'a>>; SLICES],
+    /// The newest frame on the level.
+    pub newest: Newest<'a>,
+    /// Motion of the background from the frame k ago to the one before it.
+    pub motions: [Motion; SLICES - 1],
+    /// Frame pixels of a pixel of the level, Q16.
+    pub scale: u32,
+}
 
 /// Which parts of the front end are on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -7,6 +7,7 @@
 pub mod front_end;
 pub mod history;
 pub mod scale_space;
+pub mod window;
 
 use crate::image::Image;
 use crate::image::gradient::{CELL, CellRow, ORIENTATIONS};

@@ -4,12 +4,12 @@
 //! smaller. Levels of the first octave are resampled from the frame, the others are halves of those an octave finer.
 
 use crate::channels::history::History;
+use crate::channels::window::{PADDING, Position, SLICES, WINDOW, boxed};
 use crate::channels::{Difference, Newest, Slice};
 use crate::image::Image;
+use crate::image::Rect;
 use crate::image::gradient::CELL;
 use crate::image::pyramid;
-use crate::scan::aggregate::PADDING;
-use crate::stcube::cube::{SLICES, WINDOW};
 use core::ops::Range;
 
 /// Most levels.
@@ -54,6 +54,11 @@ impl Level {
     /// Cells in a row and in a column.
     pub const fn cells(&self) -> (usize, usize) {
         (self.width / CELL, self.height / CELL)
+    }
+
+    /// Box of the nominal target in the middle of a window of this level.
+    pub fn nominal_box(&self, position: Position) -> Rect {
+        boxed(position.centre(self.scale), self.target_q4(), self.target_q4())
     }
 
     /// Length of the nominal target in pixels of the frame, Q4.

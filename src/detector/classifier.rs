@@ -3,15 +3,18 @@
 use crate::boxes::Fit;
 use crate::channels::front_end::FrontEnd;
 use crate::channels::scale_space::Pyramid;
+use crate::channels::window::Position;
+use crate::channels::window::boxed;
+use crate::channels::window::{SLICES, WINDOW, centre};
 use crate::detector::detection::{Detection, SHIFTS, Shift};
 use crate::image::Rect;
 use crate::image::gradient::CELL;
 use crate::math::fixed::exp2_q16;
 use crate::model::Model;
 use crate::scan::cascade::Candidate;
-use crate::scan::{boxed, window};
-use crate::stcube::compensation::{self, Alignment, Path, Position};
-use crate::stcube::cube::{Cube, SCALARS, SLICES, WINDOW};
+use crate::scan::window;
+use crate::stcube::compensation::{self, Alignment, Path};
+use crate::stcube::cube::{Cube, SCALARS};
 use crate::stcube::window_flow;
 use core::cmp::Reverse;
 use fixed::types::I28F4;
@@ -178,12 +181,6 @@ impl Judge<'_> {
             shifts: shifts(path, level.scale),
         }
     }
-}
-
-/// The centre of a box, Q4 to Q8 pixels.
-fn centre(rect: &Rect) -> (i32, i32) {
-    let middle = |from: I28F4, length: I28F4| (from.to_bits() << 4) + (length.to_bits() << 3);
-    (middle(rect.x, rect.width), middle(rect.y, rect.height))
 }
 
 /// Where the slices of a path are, relative to the newest.

@@ -12,15 +12,15 @@ use crate::image::{Image, Rect};
 use crate::model::{Method, Model};
 use crate::registration::global_motion::Motion;
 use crate::scan::cascade::Candidate;
-use crate::scan::{self, Counts, Scratch, nominal, window};
+use crate::scan::{self, Counts, Scratch, window};
 use crate::stcube::compensation::Alignment;
 use crate::stcube::cube::Cube;
 use classifier::{Judge, Judged};
 use temporal_score::Persistence;
 
 pub use crate::channels::history::History;
+pub use crate::channels::window::SLICES;
 pub use crate::scan::MAX_CANDIDATES;
-pub use crate::stcube::cube::SLICES;
 pub use detection::{Detection, Shift};
 
 /// Most detections of one frame.
@@ -341,7 +341,7 @@ fn decide(
     for candidate in candidates {
         let level = &judge.pyramid.levels()[usize::from(candidate.level)];
         // As much room as there are candidates, here and below.
-        let _ = detections.proposals.push(nominal(window(candidate), level));
+        let _ = detections.proposals.push(level.nominal_box(window(candidate)));
         if let Some(judged) = judge.candidate(candidate, &mut cube) {
             let _ = found.push(judged);
         }

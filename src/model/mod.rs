@@ -9,11 +9,11 @@ pub mod calibration;
 
 use crate::boxes::Fit;
 use crate::channels::history::History;
+use crate::channels::window::{SLICES, WINDOW};
 use crate::image::gradient::{CELL, ORIENTATIONS};
 use crate::scan::aggregate::MAP_CHANNELS;
 use crate::scan::cascade;
 use crate::stcube::compensation::{Alignment, Regressors};
-use crate::stcube::cube::{SLICES, WINDOW};
 use crate::stcube::feature::Features;
 use crate::trees::{Forest, ForestError};
 use calibration::Calibration;

@@ -3,15 +3,13 @@
 //! [`MAP_CHANNELS`] bytes a cell: the channels of the newest frame, normalised by what is around them. The map is
 //! computed from above, a strip of a few rows at a time, with running sums over the square around each cell.
 
+use crate::channels::window::PADDING;
 use crate::channels::{Cell, DIFFERENCES, Newest};
 use crate::image::gradient::ORIENTATIONS;
 use core::array::from_fn;
 
 /// Bytes of the scan's map for one cell.
 pub const MAP_CHANNELS: usize = 16;
-
-/// Cells of the map around the picture, so that windows may hang over its edge.
-pub const PADDING: usize = 3;
 
 /// Half the side of the square over which the map is normalised, in cells.
 const REACH: usize = 5;

@@ -3,8 +3,9 @@
 //! Each weak learner is a small tree over single values of the level's map (Dollar et al. 2014, aggregate channel
 //! features), with a rejection threshold after each tree (Bourdev & Brandt 2005). Map and thresholds are bytes.
 
-use crate::scan::aggregate::{MAP_CHANNELS, PADDING, Strip};
-use crate::stcube::cube::WINDOW;
+use crate::channels::window::PADDING;
+use crate::channels::window::WINDOW;
+use crate::scan::aggregate::{MAP_CHANNELS, Strip};
 use crate::trees::Forest;
 
 /// A window that the scan kept.

@@ -7,15 +7,13 @@ pub mod cascade;
 
 use crate::channels::DIFFERENCES;
 use crate::channels::scale_space::{Geometry, Level, Pictures, Pyramid};
-use crate::image::Rect;
+use crate::channels::window::Position;
+use crate::channels::window::WINDOW;
 use crate::image::nms;
-use crate::stcube::compensation::Position;
-use crate::stcube::cube::{SUBCELL, WINDOW};
 use crate::trees::Forest;
 use aggregate::Strip;
 use cascade::{Candidate, Map};
 use core::cmp::Reverse;
-use fixed::types::I28F4;
 use heapless::binary_heap::{BinaryHeap, Min};
 
 /// Most windows that are handed on.
@@ -60,25 +58,9 @@ pub struct Scratch<'b> {
     pub words: &'b mut [u16],
 }
 
-/// The window of a candidate.
+/// Window of a candidate on its level.
 pub fn window(candidate: &Candidate) -> Position {
-    let quarters = |v: i16| i32::from(v) * SUBCELL;
-    Position { x: quarters(candidate.x), y: quarters(candidate.y) }
-}
-
-/// The box of the nominal target in the middle of a window.
-pub fn nominal(position: Position, level: &Level) -> Rect {
-    boxed(position.centre(level.scale), level.target_q4(), level.target_q4())
-}
-
-/// A box around a centre (Q8 pixels) of a size in Q4 pixels.
-pub fn boxed(centre: (i32, i32), width: i32, height: i32) -> Rect {
-    Rect {
-        x: I28F4::from_bits((centre.0 >> 4) - width / 2),
-        y: I28F4::from_bits((centre.1 >> 4) - height / 2),
-        width: I28F4::from_bits(width),
-        height: I28F4::from_bits(height),
-    }
+    Position::of_cell(candidate.x, candidate.y)
 }
 
 /// Bytes and words that a level takes to be scanned.
@@ -184,7 +166,7 @@ pub fn search(
     });
     let rect = |words: &[u16; CANDIDATE_WORDS]| {
         let candidate = decode(words);
-        nominal(window(&candidate), &pyramid.levels()[usize::from(candidate.level)])
+        pyramid.levels()[usize::from(candidate.level)].nominal_box(window(&candidate))
     };
     let (kept, dropped) = nms::suppress(found, rect, OVERLAP, most.min(MAX_CANDIDATES));
     counts.dropped += dropped;

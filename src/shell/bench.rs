@@ -1,14 +1,15 @@
 //! `lookout bench`: how fast the detector is and how much memory it takes.
 
 use super::error::Error;
+use super::pipeline::scaled::Scaling;
 use super::pipeline::{self, DetectorArgs, Memory, ModelFile};
 use super::replay::flight::FlightArgs;
-use super::replay::print_line;
 use super::sources::Frame;
-use super::sources::scaled::Scaling;
 use super::support::interrupt::Ended;
 use crate::detector::{Config, Detections, Detector, SLICES, Stage};
 use crate::model::Model;
+use crate::shell::pipeline::PipelineError;
+use crate::shell::support::print::print_line;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -95,7 +96,7 @@ fn measure(args: &BenchArgs, model: &Model<'_>) -> Result<Figures, Error> {
     let input = args.flight.name(args.input());
     let frames = decode(args)?;
     let Some(Frame { width, height, .. }) = frames.first() else {
-        return Err(Error::NoFrames { input });
+        return Err(PipelineError::NoFrames { input }.into());
     };
     let config = args.detector.config(model, *width, *height)?;
     let mut memory = Memory::new(&config);
@@ -103,7 +104,7 @@ fn measure(args: &BenchArgs, model: &Model<'_>) -> Result<Figures, Error> {
     for pass in 0..args.passes {
         let refused = |frame| {
             let input = input.clone();
-            move |source| Error::Detector { input, frame, source }
+            move |source| PipelineError::Detector { input, frame, source }
         };
         let mut detector = memory.detector(model, config).map_err(refused(1))?;
         for (index, frame) in frames.iter().enumerate() {

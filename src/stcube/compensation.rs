@@ -6,10 +6,9 @@
 //! starts where the background's motion puts the object's last place, so that what is left to find is the object's
 //! motion against the background.
 
-use crate::channels::{Newest, Slice};
-use crate::image::gradient::CELL;
-use crate::registration::Motion;
-use crate::stcube::cube::{Cube, Patch, SCALARS, SLICES, SUBCELL, WINDOW};
+use crate::channels::front_end::Slices;
+use crate::channels::window::{Position, SLICES, SUBCELL, WINDOW};
+use crate::stcube::cube::{Cube, Patch, SCALARS};
 use crate::stcube::feature::Features;
 use crate::trees::Forest;
 
@@ -44,37 +43,6 @@ impl Regressors<'_> {
     }
 }
 
-/// A position on a level: the upper left corner of a window, in quarters of a cell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Position {
-    /// To the right.
-    pub x: i32,
-    /// Downwards.
-    pub y: i32,
-}
-
-impl Position {
-    /// The window's centre in the frame, Q8 pixels, on a level whose pixels are `scale` (Q16) frame pixels.
-    pub fn centre(self, scale: u32) -> (i32, i32) {
-        let centre = |v: i32| {
-            let middle = v + WINDOW as i32 * SUBCELL / 2;
-            ((i64::from(middle) * CELL as i64 * i64::from(scale)) / (i64::from(SUBCELL) << 8))
-                as i32
-        };
-        (centre(self.x), centre(self.y))
-    }
-
-    /// The window whose centre is nearest to a point of the frame, Q8 pixels.
-    pub fn centred(point: (i32, i32), scale: u32) -> Self {
-        let corner = |v: i32| {
-            let unit = CELL as i64 * i64::from(scale);
-            let quarters = (((i64::from(v) * i64::from(SUBCELL)) << 8) + unit / 2).div_euclid(unit);
-            quarters as i32 - WINDOW as i32 * SUBCELL / 2
-        };
-        Self { x: corner(point.0), y: corner(point.1) }
-    }
-}
-
 /// What the older slices of a cube follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
@@ -97,19 +65,6 @@ impl Alignment {
             _ => None,
         }
     }
-}
-
-/// What the slices of a cube are cut from.
-#[derive(Debug, Clone, Copy)]
-pub struct Slices<'a> {
-    /// Frames on the level, newest first; frames not yet seen repeat the oldest. Slices that are not there stay empty.
-    pub slices: [Option<Slice<'a>>; SLICES],
-    /// The newest frame on the level.
-    pub newest: Newest<'a>,
-    /// Motion of the background from the frame k ago to the one before it.
-    pub motions: [Motion; SLICES - 1],
-    /// Frame pixels of a pixel of the level, Q16.
-    pub scale: u32,
 }
 
 /// Where Algorithm 1 put the slices.
@@ -212,8 +167,9 @@ pub fn compensate(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::channels::{Difference, MAGNITUDE};
+    use crate::channels::{Difference, MAGNITUDE, Newest, Slice};
     use crate::image::Image;
+    use crate::registration::Motion;
     use crate::registration::global_motion::{Sample, fit};
     use crate::stcube::cube::Region;
     use crate::stcube::feature::{Denominator, Feature};

@@ -5,16 +5,8 @@
 //! interpolated channels. In the paper's terms a window is 40x40 px with targets about 20 px long: the finest level
 //! takes its gradients at every second of those pixels, which is the frame's own resolution for targets of 10 px.
 
+use crate::channels::window::{SLICES, SUBCELL, WINDOW};
 use crate::channels::{CHANNELS, Newest, Slice, Square};
-
-/// Cells along one side of a window.
-pub const WINDOW: usize = 10;
-
-/// Slices of a cube, s_t of the paper.
-pub const SLICES: usize = 4;
-
-/// Positions of a patch for each cell (Q2).
-pub const SUBCELL: i32 = 4;
 
 /// Corners along one side of a window.
 const CORNERS: usize = WINDOW + 1;

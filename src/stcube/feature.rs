@@ -6,7 +6,8 @@
 //! is compared with a threshold by cross-multiplication.
 
 use crate::channels::MAGNITUDE;
-use crate::stcube::cube::{Cube, PATCH_SCALE, Patch, Region, SCALARS, SLICES, WINDOW};
+use crate::channels::window::{SLICES, WINDOW};
+use crate::stcube::cube::{Cube, PATCH_SCALE, Patch, Region, SCALARS};
 
 /// Fraction bits of a ratio.
 pub const RATIO_BITS: u32 = 10;

@@ -3,11 +3,14 @@
 //! What the paper compares Algorithm 1 with: pyramidal Lucas-Kanade flow says where the picture in the window was a frame
 //! before, from slice to slice. It follows what has structure, which before trees and fields is the background.
 
+use crate::channels::front_end::Slices;
+use crate::channels::window::Position;
+use crate::channels::window::SLICES;
 use crate::image::Image;
 use crate::image::pyramid;
 use crate::registration::lucas_kanade;
-use crate::stcube::compensation::{FIRST_SCALAR, Path, Position, Slices};
-use crate::stcube::cube::{Cube, SLICES};
+use crate::stcube::compensation::{FIRST_SCALAR, Path};
+use crate::stcube::cube::Cube;
 
 /// Levels of the flow's own pyramid: windows of the target, of the cube, and of twice that.
 const LEVELS: usize = 3;
@@ -144,11 +147,11 @@ pub fn follow(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::channels::window::SUBCELL;
     use crate::channels::{Difference, Newest, Slice};
     use crate::image::gradient::CELL;
     use crate::registration::Motion;
     use crate::registration::lucas_kanade::tests::{render, texture};
-    use crate::stcube::cube::SUBCELL;
     use proptest::prelude::*;
     use std::vec::Vec;
 

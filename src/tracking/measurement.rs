@@ -1,6 +1,6 @@
 //! A detection as the tracker takes it: a direction, a size and their errors, in a frame of reference that stands still.
 
-use super::tracker::Settings;
+use super::settings::Settings;
 use crate::camera::Camera;
 use crate::camera::attitude::Attitude;
 use crate::detector::detection::{Detection, SHIFTS};

@@ -6,6 +6,7 @@
 //! turning.
 
 mod measurement;
+mod settings;
 pub mod threat;
 pub mod tracker;
 pub mod traffic;

@@ -1,5 +1,7 @@
 //! What an examination of one link asks, hears and concludes. A state machine without I/O and clock.
 
+pub use super::finding::{Finding, Mark};
+use super::finding::{good, note};
 use super::parameters::{self, Check, Purpose};
 use super::probe::Probe;
 use super::timing::{Rate, Sync};
@@ -35,26 +37,6 @@ const GLOBAL_POSITION_INT: u32 = 33;
 const AUTOPILOT_VERSION: u32 = 148;
 /// Attitudes a second from which on a frame's direction is good.
 const ATTITUDE_RATE: f64 = 20.0;
-
-/// How a finding counts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mark {
-    /// As it should be.
-    Good,
-    /// Worth knowing.
-    Note,
-    /// Something is missing: the exit status says so.
-    Missing,
-}
-
-/// Something that was found, in words.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Finding {
-    /// How it counts.
-    pub mark: Mark,
-    /// The words.
-    pub text: String,
-}
 
 /// A request that is made again until it is answered.
 #[derive(Debug, Clone, Copy, Default)]
@@ -347,14 +329,6 @@ impl Autopilot {
             self.system, self.component
         ))
     }
-}
-
-fn good(text: String) -> Finding {
-    Finding { mark: Mark::Good, text }
-}
-
-fn note(text: String) -> Finding {
-    Finding { mark: Mark::Note, text }
 }
 
 /// `MAV_TYPE_FIXED_WING` without its prefix, as words.

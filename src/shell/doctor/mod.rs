@@ -1,6 +1,7 @@
 //! `lookout doctor`: what stands between the lookout and the autopilot, in words.
 
 mod examination;
+mod finding;
 mod parameters;
 mod probe;
 mod timing;
@@ -13,13 +14,41 @@ pub use parameters::Purpose;
 
 use super::error::Error;
 use super::link::{LinkSpec, Links};
-use super::replay::print_line;
 use super::support::interrupt::{self, Ended};
 use crate::mavlink::component::{Destination, Outgoing};
+use crate::shell::support::print::print_line;
 use std::format;
 use std::string::{String, ToString};
 use std::time::{Duration, Instant};
 use std::vec::Vec;
+
+/// Why the doctor does not find all well.
+#[derive(Debug, thiserror::Error)]
+pub enum DoctorError {
+    /// A link on which nothing was heard.
+    #[error(
+        "{link}: nothing was heard in {seconds} s; is the autopilot on, does it send MAVLink to this port, is the \
+        baud rate its own?"
+    )]
+    Silent {
+        /// The link as the user named it.
+        link: String,
+        /// How long it was listened to.
+        seconds: u32,
+    },
+    /// The doctor's verdict.
+    #[error("missing: {missing}, see above")]
+    Missing {
+        /// How many things are missing.
+        missing: usize,
+    },
+}
+
+impl From<DoctorError> for Error {
+    fn from(error: DoctorError) -> Self {
+        Self::verb(error)
+    }
+}
 
 /// Longest wait for a frame.
 const WAIT: Duration = Duration::from_millis(10);
@@ -44,7 +73,7 @@ pub struct DoctorArgs {
 /// Examines the links and tells what was found.
 ///
 /// # Errors
-/// [`Error::Silent`] where nothing was heard, [`Error::Missing`] where something is missing, [`Error::Write`].
+/// [`DoctorError::Silent`] where nothing was heard, [`DoctorError::Missing`] where something is missing, [`FileError::Write`].
 pub fn run(args: &DoctorArgs) -> Result<Ended, Error> {
     interrupt::watch()?;
     let started = Instant::now();
@@ -94,9 +123,9 @@ fn tell(args: &DoctorArgs, examinations: &[Examination]) -> Result<Ended, Error>
     let silent = args.link.iter().zip(examinations).find(|(_, examination)| !examination.heard());
     match (silent, missing) {
         (Some((link, _)), _) => {
-            Err(Error::Silent { link: link.to_string(), seconds: args.seconds })
+            Err(DoctorError::Silent { link: link.to_string(), seconds: args.seconds }.into())
         }
         (None, 0) => Ok(Ended::Complete),
-        (None, missing) => Err(Error::Missing { missing }),
+        (None, missing) => Err(DoctorError::Missing { missing }.into()),
     }
 }

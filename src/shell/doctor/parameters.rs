@@ -4,7 +4,7 @@
 //! the parameter references of both, <https://ardupilot.org/copter/docs/parameters.html> and
 //! <https://docs.px4.io/main/en/advanced_config/parameter_reference.html>.
 
-use super::examination::{Finding, Mark};
+use super::finding::{Finding, Mark};
 use crate::mavlink::dialect::{MavAutopilot, MavParamType};
 use std::format;
 use std::string::String;

@@ -3,7 +3,7 @@
 //! ArduPilot repeats the proximity it took as DISTANCE_SENSOR, one for each octant, and has a bit for it in SYS_STATUS.
 //! PX4 tells what it made of it as OBSTACLE_DISTANCE.
 
-use super::examination::{Finding, Mark};
+use super::finding::{Finding, Mark};
 use crate::mavlink::dialect::{
     MavAutopilot, MavDistanceSensor, MavFrame, MavMessage, MavSensorOrientation,
     MavSysStatusSensor, OBSTACLE_DISTANCE_DATA,

@@ -1,6 +1,6 @@
 //! How often messages come, and how well the autopilot's clock is known.
 
-use super::examination::{Finding, Mark};
+use super::finding::{Finding, Mark};
 use crate::mavlink::dialect::TIMESYNC_DATA;
 use crate::mavlink::messages::Payload;
 use std::collections::VecDeque;

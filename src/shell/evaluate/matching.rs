@@ -12,19 +12,7 @@ use std::format;
 use std::string::String;
 use std::vec::Vec;
 
-/// A box in pixels: left, top, width, height.
-pub type Box4 = [f64; 4];
-
-/// A detection as written to a file.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
-    /// The frame, from 1.
-    pub frame: u64,
-    /// Where it is.
-    pub rect: Box4,
-    /// Larger is surer.
-    pub score: f64,
-}
+pub use crate::shell::formats::detections::{Box4, Found};
 
 /// Frames at the start of a clip that are left out by default: the st-cube is not full yet.
 pub const WARMUP: u64 = 3;

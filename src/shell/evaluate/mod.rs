@@ -11,12 +11,12 @@ use super::formats::clips::{self, Clip, TruthBox};
 use super::formats::detections::{self, TextFile};
 use super::pipeline::methods::MethodName;
 use super::pipeline::{self, DetectorArgs, ModelFile};
-use super::replay::print_line;
 use super::sources::{self, Frame, FrameSource, SourceError};
 use super::support::interrupt::{self, Ended};
-use super::support::parallel;
 use crate::detector::Detections;
 use crate::model::Model;
+use crate::shell::pipeline::on_clips;
+use crate::shell::support::print::print_line;
 use crate::tracking::Settings;
 use crate::tracking::tracker;
 use report::{IOUS, Plan, ReportArgs, Seen};
@@ -30,6 +30,37 @@ use std::time::Instant;
 use std::vec::Vec;
 use std::{eprintln, format, fs};
 use track_metrics::{ClipWatch, Figures};
+
+/// Why a split cannot be evaluated.
+#[derive(Debug, thiserror::Error)]
+pub enum EvaluateError {
+    /// No clip of a folder has a name that was asked for.
+    #[error("{}: no clip in it whose name contains '{}'", path.display(), names.join("' or '"))]
+    NoClips {
+        /// The folder.
+        path: PathBuf,
+        /// What was asked for.
+        names: Vec<String>,
+    },
+    /// A folder that holds detections of none of the clips.
+    #[error("{}: no CLIP.txt in it for any clip of the split; give the folder with its detections", path.display())]
+    NoDetections {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// Two methods of one name.
+    #[error("--external {name}: two methods of this name; take another name for one of them")]
+    SameName {
+        /// The name.
+        name: String,
+    },
+}
+
+impl From<EvaluateError> for Error {
+    fn from(error: EvaluateError) -> Self {
+        Self::verb(error)
+    }
+}
 
 /// Which clips.
 #[derive(Debug, Clone, clap::Args)]
@@ -58,7 +89,11 @@ impl SplitArgs {
             self.clips.is_empty() || self.clips.iter().any(|text| clip.name.contains(text))
         });
         if clips.is_empty() {
-            return Err(Error::NoClips { path: self.data.clone(), names: self.clips.clone() });
+            return Err(EvaluateError::NoClips {
+                path: self.data.clone(),
+                names: self.clips.clone(),
+            }
+            .into());
         }
         Ok(clips)
     }
@@ -215,7 +250,7 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
         let watched = plan.as_ref().filter(|_| ours);
         let work =
             |index: usize, clip: &Clip| run_clip(index, clip, run, model.as_ref(), args, watched);
-        let Some(results) = parallel::clips(&clips, args.jobs, &work)? else {
+        let Some(results) = on_clips::<_, Error>(&clips, args.jobs, &work)? else {
             eprintln!(
                 "lookout: interrupted; the files of the clips done so far are complete, no figures"
             );
@@ -263,7 +298,7 @@ struct Run {
 
 impl Run {
     fn model(&self) -> Result<Option<Model<'_>>, Error> {
-        self.file.as_ref().map(ModelFile::parse).transpose()
+        Ok(self.file.as_ref().map(ModelFile::parse).transpose()?)
     }
 }
 
@@ -360,8 +395,10 @@ fn run_clip(
         Ok(())
     };
     match model {
-        Some(model) => pipeline::run(&input, &mut source, model, detector, &mut each)?,
-        None => pipeline::run_difference(&input, &mut source, detector.threshold, &mut each)?,
+        Some(model) => pipeline::run::<Error>(&input, &mut source, model, detector, &mut each)?,
+        None => {
+            pipeline::run_difference::<Error>(&input, &mut source, detector.threshold, &mut each)?
+        }
     };
     result.seen = watch.map(report::Watch::finish);
     result.tracks = tracks.map(ClipWatch::finish);
@@ -417,9 +454,9 @@ fn print(
             tracks: Option<Figures>,
         }
         let all = All { method, reports, scan, tracks };
-        return print_line(
+        return Ok(print_line(
             &serde_json::to_string(&all).expect("numbers and names always make JSON"),
-        );
+        )?);
     }
     if let Some(method) = method {
         print_line(&format!("method: {method}"))?;

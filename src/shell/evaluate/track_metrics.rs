@@ -9,6 +9,7 @@ use crate::registration::global_motion::Motion;
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::{CameraFile, number};
 use crate::shell::formats::clips::{Clip, TruthBox};
+use crate::shell::formats::error::FormatError;
 use crate::shell::formats::truth::{self, FrameTruth};
 use crate::tracking::traffic::{Level, Traffic};
 use crate::tracking::{Settings, Watch};
@@ -91,7 +92,7 @@ impl<'a> ClipWatch<'a> {
     pub fn new(clip: &'a Clip, with_attitude: bool, settings: Settings) -> Result<Self, Error> {
         let path = clip.directory.join("camera.json");
         let text = fs::read_to_string(&path).map_err(Error::read(&path))?;
-        let wrong = |reason| Error::Camera { path: path.clone(), reason };
+        let wrong = |reason| FormatError::Camera { path: path.clone(), reason };
         let file: CameraFile = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;
         Ok(Self {
             clip,

@@ -1,9 +1,10 @@
 //! Camera files: OpenCV and ROS calibrations (YAML), and the flights' own `camera.json`.
 
+use super::error::FormatError;
 use crate::camera::attitude::Attitude;
 use crate::camera::{Camera, Intrinsics};
 use crate::math::real::{PI, Real};
-use crate::shell::error::Error;
+use crate::shell::support::file_error::FileError;
 use serde::{Deserialize, Serialize};
 use std::borrow::ToOwned;
 use std::path::{Path, PathBuf};
@@ -30,14 +31,14 @@ impl CameraArgs {
     /// The camera for frames of this size; `own` is what the source knows of it.
     ///
     /// # Errors
-    /// [`Error::Camera`] naming the file and the field, [`Error::Read`].
+    /// [`FormatError::Camera`] naming the file and the field, [`FileError::Read`].
     pub fn camera(
         &self,
         width: usize,
         height: usize,
         own: Option<&CameraFile>,
-    ) -> Result<Camera, Error> {
-        let bad = |reason: String| Error::Camera { path: "--fov, --mounting".into(), reason };
+    ) -> Result<Camera, FormatError> {
+        let bad = |reason: String| FormatError::Camera { path: "--fov, --mounting".into(), reason };
         let camera = match (&self.camera, own) {
             (Some(path), _) => {
                 let camera = read(path)?;
@@ -47,7 +48,7 @@ impl CameraArgs {
                         "calibrated at {}x{}, the frames are {width}x{height}; calibrate at their size",
                         spec.width, spec.height
                     );
-                    return Err(Error::Camera { path: path.clone(), reason });
+                    return Err(FormatError::Camera { path: path.clone(), reason });
                 }
                 camera
             }
@@ -97,14 +98,16 @@ impl CameraFile {
     /// there is none.
     ///
     /// # Errors
-    /// [`Error::Camera`] when there is one that is not understood.
-    pub fn beside(input: &Path) -> Result<Option<Self>, Error> {
+    /// [`FormatError::Camera`] when there is one that is not understood.
+    pub fn beside(input: &Path) -> Result<Option<Self>, FormatError> {
         let folders = [Some(input), input.parent()];
         for folder in folders.into_iter().flatten() {
             let path = folder.join("camera.json");
             if let Ok(text) = fs::read_to_string(&path) {
                 let file = serde_json::from_str(&text);
-                return file.map(Some).map_err(|e| Error::Camera { path, reason: e.to_string() });
+                return file
+                    .map(Some)
+                    .map_err(|e| FormatError::Camera { path, reason: e.to_string() });
             }
         }
         Ok(None)
@@ -148,12 +151,12 @@ struct Calibration {
 /// Reads a camera file.
 ///
 /// # Errors
-/// [`Error::Read`], [`Error::Camera`] naming the field.
-pub fn read(path: &Path) -> Result<Camera, Error> {
-    let text = fs::read_to_string(path).map_err(Error::read(path))?;
+/// [`FileError::Read`], [`FormatError::Camera`] naming the field.
+pub fn read(path: &Path) -> Result<Camera, FormatError> {
+    let text = fs::read_to_string(path).map_err(FileError::read(path))?;
     let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
     let camera = if json { from_json(&text) } else { from_yaml(&text) };
-    camera.map_err(|reason| Error::Camera { path: path.into(), reason })
+    camera.map_err(|reason| FormatError::Camera { path: path.into(), reason })
 }
 
 fn from_json(text: &str) -> Result<Camera, String> {

@@ -1,6 +1,6 @@
 //! Recorded flights with ground truth: a folder of clips, each with frames and MOTChallenge boxes.
 
-use crate::shell::sources::{has_extension, is_picture};
+use crate::shell::sources::clip_input as input;
 use std::borrow::ToOwned;
 use std::format;
 use std::fs;
@@ -189,23 +189,6 @@ pub fn clip(directory: &Path) -> Result<Clip, ClipsError> {
         directory: directory.to_owned(),
         input,
         ground_truth: GroundTruth::read(&directory.join("gt.txt"))?,
-    })
-}
-
-/// The frames of the clip in `directory`: `video.mp4`, else the first other video by name, else the
-/// pictures in `frames/`, else pictures in the folder itself.
-pub fn input(directory: &Path) -> Option<PathBuf> {
-    let video = directory.join("video.mp4");
-    if video.is_file() {
-        return Some(video);
-    }
-    let entries = || fs::read_dir(directory).ok().into_iter().flatten().flatten();
-    let is_video = |path: &PathBuf| has_extension(path, &["mp4", "avi", "mkv"]) && path.is_file();
-    let videos = entries().map(|entry| entry.path()).filter(is_video);
-    let frames = directory.join("frames");
-    videos.min().or_else(|| frames.is_dir().then_some(frames)).or_else(|| {
-        let pictures = entries().any(|entry| is_picture(&entry.path()));
-        pictures.then(|| directory.to_owned())
     })
 }
 

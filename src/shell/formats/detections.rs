@@ -3,13 +3,13 @@
 //! Numbers are printed from the detector's integers: boxes exactly (sixteenths have four decimals), scores with six decimals, which
 //! keep all scores apart. A frame is written in one piece, so that a run that is cut off leaves whole lines.
 
+use super::error::FormatError;
 use super::traffic::{self, TrafficLine};
 use crate::detector::detection::{SHIFTS, Shift};
 use crate::detector::{Detection, Detections, MAX_DETECTIONS};
 use crate::image::Rect;
 use crate::registration::global_motion::Motion;
-use crate::shell::error::Error;
-use crate::shell::evaluate::score::Found;
+use crate::shell::support::file_error::FileError;
 use crate::tracking::traffic::Traffic;
 use core::fmt;
 use fixed::types::I28F4;
@@ -21,6 +21,20 @@ use std::path::{Path, PathBuf};
 use std::string::String;
 use std::vec::Vec;
 use std::{format, fs, io};
+
+/// A box in pixels: left, top, width, height.
+pub type Box4 = [f64; 4];
+
+/// A detection as written to a file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// The frame, from 1.
+    pub frame: u64,
+    /// Where it is.
+    pub rect: Box4,
+    /// Larger is surer.
+    pub score: f64,
+}
 
 /// Fractional bits of [`Detection::score`].
 pub const SCORE_BITS: u32 = 16;
@@ -88,22 +102,22 @@ impl TextFile {
     /// Creates the file, or empties it.
     ///
     /// # Errors
-    /// [`Error::Write`].
-    pub fn create(path: &Path) -> Result<Self, Error> {
-        let file = File::create(path).map_err(Error::write(path))?;
+    /// [`FileError::Write`].
+    pub fn create(path: &Path) -> Result<Self, FormatError> {
+        let file = File::create(path).map_err(FileError::write(path))?;
         Ok(Self { path: path.into(), file, whole: 0 })
     }
 
     /// Writes one piece, at once.
     ///
     /// # Errors
-    /// [`Error::Write`]; what was written of the piece is taken back where the file allows it.
-    pub fn write(&mut self, piece: &str) -> Result<(), Error> {
+    /// [`FileError::Write`]; what was written of the piece is taken back where the file allows it.
+    pub fn write(&mut self, piece: &str) -> Result<(), FormatError> {
         if let Err(source) = self.file.write_all(piece.as_bytes()) {
             // Best effort: the error that is told is the first one.
             let _ = self.file.set_len(self.whole);
             let _ = self.file.seek(io::SeekFrom::Start(self.whole));
-            return Err(Error::Write { path: self.path.clone(), source });
+            return Err(FileError::Write { path: self.path.clone(), source }.into());
         }
         self.whole += piece.len() as u64;
         Ok(())
@@ -182,12 +196,12 @@ pub fn json_line(
 /// Reads the lines that [`json_line`] writes: the time of each frame and its detections, frames of this size.
 ///
 /// # Errors
-/// [`Error::Read`], or [`Error::Text`] naming the line.
-pub fn read_json(path: &Path, size: (usize, usize)) -> Result<Vec<(i64, Detections)>, Error> {
-    let text = fs::read_to_string(path).map_err(Error::read(path))?;
+/// [`FileError::Read`], or [`FormatError::Line`] naming the line.
+pub fn read_json(path: &Path, size: (usize, usize)) -> Result<Vec<(i64, Detections)>, FormatError> {
+    let text = fs::read_to_string(path).map_err(FileError::read(path))?;
     let mut frames = Vec::new();
     for (index, line) in text.lines().enumerate() {
-        let wrong = |reason| Error::Text { path: path.into(), line: index + 1, reason };
+        let wrong = |reason| FormatError::Line { path: path.into(), line: index + 1, reason };
         let line: FrameLine =
             serde_json::from_str(line).map_err(|e| wrong(format!("not a frame: {e}")))?;
         if line.frame != index as u64 + 1 {
@@ -229,12 +243,12 @@ impl FrameLine {
 /// Reads detections in MOTChallenge form; fields behind the score are ignored.
 ///
 /// # Errors
-/// [`Error::Read`], or [`Error::Text`] naming the line.
-pub fn read_mot(path: &Path) -> Result<Vec<Found>, Error> {
-    let text = fs::read_to_string(path).map_err(Error::read(path))?;
+/// [`FileError::Read`], or [`FormatError::Line`] naming the line.
+pub fn read_mot(path: &Path) -> Result<Vec<Found>, FormatError> {
+    let text = fs::read_to_string(path).map_err(FileError::read(path))?;
     let mut found = Vec::new();
     for (index, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
-        let detection = parse_mot_line(line).map_err(|reason| Error::Text {
+        let detection = parse_mot_line(line).map_err(|reason| FormatError::Line {
             path: path.into(),
             line: index + 1,
             reason,

@@ -5,6 +5,7 @@
 pub mod camera_file;
 pub mod clips;
 pub mod detections;
+pub mod error;
 pub mod tlog;
 pub mod traffic;
 pub mod truth;

@@ -1,6 +1,7 @@
 //! What was true in a recorded or simulated flight: `truth.csv`.
 
-use crate::shell::error::Error;
+use super::error::FormatError;
+use crate::shell::support::file_error::FileError;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::string::String;
@@ -56,12 +57,12 @@ impl Target {
 /// Reads the file: what was true in each frame, by its number from 1.
 ///
 /// # Errors
-/// [`Error::Read`], or [`Error::Text`] naming the line and the field.
-pub fn read(path: &Path) -> Result<BTreeMap<u64, FrameTruth>, Error> {
-    let text = fs::read_to_string(path).map_err(Error::read(path))?;
+/// [`FileError::Read`], or [`FormatError::Line`] naming the line and the field.
+pub fn read(path: &Path) -> Result<BTreeMap<u64, FrameTruth>, FormatError> {
+    let text = fs::read_to_string(path).map_err(FileError::read(path))?;
     let mut frames: BTreeMap<u64, FrameTruth> = BTreeMap::new();
     for (index, line) in text.lines().enumerate().skip(1) {
-        let wrong = |reason| Error::Text { path: path.into(), line: index + 1, reason };
+        let wrong = |reason| FormatError::Line { path: path.into(), line: index + 1, reason };
         let (frame, attitude, target) = parse(line).map_err(wrong)?;
         let truth = frames.entry(frame).or_default();
         truth.attitude = attitude;

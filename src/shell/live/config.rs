@@ -3,6 +3,7 @@
 use super::keys::{self, KEYS};
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::{CameraArgs, CameraFile};
+use crate::shell::formats::error::FormatError;
 use crate::shell::link::LinkSpec;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -74,7 +75,7 @@ impl Config {
     /// Reads and checks a file.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Text`] naming line and key.
+    /// [`FileError::Read`]; [`FormatError::Line`] naming line and key.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = fs::read_to_string(path).map_err(Error::read(path))?;
         Self::parse(path, &text)
@@ -83,9 +84,9 @@ impl Config {
     /// Checks the text of the file `path`.
     ///
     /// # Errors
-    /// [`Error::Text`] naming line and key.
+    /// [`FormatError::Line`] naming line and key.
     pub fn parse(path: &Path, text: &str) -> Result<Self, Error> {
-        let at = |place: usize, reason: String| Error::Text {
+        let at = |place: usize, reason: String| FormatError::Line {
             path: path.into(),
             line: text[..place.min(text.len())].matches('\n').count() + 1,
             reason,
@@ -111,7 +112,7 @@ impl Config {
             table.entry(name).or_insert_with(default);
         }
         if !values.contains_key("source") {
-            return Err(whole("source is missing: say where frames come from"));
+            return Err(whole("source is missing: say where frames come from").into());
         }
         let mut config: Self =
             values.clone().try_into().map_err(|e: toml::de::Error| whole(e.message()))?;
@@ -121,7 +122,7 @@ impl Config {
         {
             let reason = "preview: others can reach this address; give a preview_token, or listen at 127.0.0.1";
             let place = places.get_ref().iter().find(|(name, _)| name.get_ref() == "preview");
-            return Err(at(place.map_or(0, |(name, _)| name.span().start), reason.into()));
+            return Err(at(place.map_or(0, |(name, _)| name.span().start), reason.into()).into());
         }
         Ok(config)
     }
@@ -153,7 +154,7 @@ impl Config {
             fov: *field_of_view,
             mounting: mounting.clone(),
         };
-        args.camera(width, height, own)
+        Ok(args.camera(width, height, own)?)
     }
 }
 

@@ -5,16 +5,16 @@
 use super::ring::Ring;
 use super::worker::Seen;
 use super::writer::Writer;
+use crate::channels::window::SLICES;
 use crate::image::Rect;
 use crate::mavlink::dialect::MavMessage;
 use crate::mavlink::lookout::Onboard;
-use crate::shell::evaluate::matching::Box4;
 use crate::shell::formats::detections;
+use crate::shell::formats::detections::Box4;
 use crate::shell::formats::traffic;
 use crate::shell::pictures::strip;
 use crate::shell::sources::Frame;
 use crate::shell::support::clock;
-use crate::stcube::cube::SLICES;
 use crate::tracking::traffic::{Level, Traffic};
 use mavlink_core::{MAVLinkV2MessageRaw, MavlinkVersion, Message};
 use serde::Serialize;

@@ -5,6 +5,7 @@ pub mod config;
 mod events;
 pub mod image_health;
 pub mod keys;
+mod live_source;
 mod mailbox;
 mod notify;
 mod outputs;
@@ -19,8 +20,8 @@ mod worker;
 mod writer;
 
 use super::error::Error;
-use super::replay::print_line;
 use super::support::interrupt::{self, Ended};
+use crate::shell::support::print::print_line;
 use config::Config;
 use std::path::PathBuf;
 use std::string::ToString;

@@ -50,7 +50,7 @@ impl Outputs {
     /// Opens what the settings ask for; `own` is what the source knows of its camera, `least_score` the detector's.
     ///
     /// # Errors
-    /// [`Error::Write`], [`Error::Preview`].
+    /// [`FileError::Write`], [`Error::Preview`].
     pub fn open(
         config: &Config,
         own: Option<&CameraFile>,
@@ -83,7 +83,7 @@ impl Outputs {
     fn open_preview(&mut self, config: &Config) -> Result<(), Error> {
         self.preview = None;
         let start = |address| Preview::start(address, config.preview_token.clone());
-        self.preview = config.preview.map(start).transpose()?;
+        self.preview = config.preview.map(start).transpose().map_err(Error::verb)?;
         if let Some(preview) = &self.preview {
             tracing::info!("page: http://{}/", preview.address());
         }

@@ -1,6 +1,6 @@
 //! A recorded or simulated flight as if it were flown now.
 
-use super::source::{LiveError, LiveSource, Taken};
+use super::live_source::{LiveError, LiveSource, Taken};
 use crate::mavlink::component::Trust;
 use crate::shell::link::Inbound;
 use crate::shell::simulate::Telemetry;

@@ -28,11 +28,29 @@ use crate::tracking::tracker;
 use crossbeam_channel::{Receiver, bounded, select};
 use std::fmt;
 use std::format;
+use std::io;
 use std::string::String;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 use std::vec::Vec;
+
+/// Why the service cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceError {
+    /// A thread of a service cannot be started.
+    #[error("cannot start a thread: {source}; end other programs, or raise the limit of tasks")]
+    Thread {
+        /// The system's reason.
+        source: io::Error,
+    },
+}
+
+impl From<ServiceError> for Error {
+    fn from(error: ServiceError) -> Self {
+        Self::verb(error)
+    }
+}
 
 /// From one look for messages to be sent to the next.
 const TICK: Duration = Duration::from_millis(20);
@@ -93,7 +111,7 @@ pub fn run(
     let heard = service.links.heard().clone();
     thread::scope(|scope| {
         let spawn = |name: &str| thread::Builder::new().name(name.into());
-        let failed = |source| Error::Thread { source };
+        let failed = |source| ServiceError::Thread { source };
         let taking = spawn("capture")
             .spawn_scoped(scope, || capture.run(config.clone(), open, &heard, &stop))
             .map_err(failed)?;
@@ -103,7 +121,8 @@ pub fn run(
             let args = DetectorArgs { threshold, ..DetectorArgs::default() };
             let look =
                 || worker::run(&model, &args, &capture.mailbox, &worker_pulse, &sender, &stop);
-            let ended = pipeline::on_threads(config.threads, look).and_then(|ended| ended);
+            let ended = pipeline::on_threads(config.threads, look)
+                .unwrap_or_else(|error| Err(error.into()));
             // The loop sees that nothing comes any more.
             drop(sender);
             ended

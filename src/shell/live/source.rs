@@ -1,54 +1,20 @@
 //! Where a live lookout's frames come from.
 
 use super::config::Config;
+pub use super::live_source::{LiveError, LiveSource, Taken};
 use super::paced::Paced;
 use crate::camera::Camera;
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::{CameraArgs, CameraFile};
 use crate::shell::link::Inbound;
+use crate::shell::simulate::source::Simulated;
 use crate::shell::simulate::{Kind, SimulateSettings, Simulator, Telemetry};
-use crate::shell::sources::{self, Frame, FrameSource, Simulated, SourceError};
+use crate::shell::sources::{self, FrameSource, SourceError};
 use clap::ValueEnum;
 use crossbeam_channel::Sender;
 use std::boxed::Box;
 use std::path::Path;
 use std::string::String;
-use std::time::Duration;
-
-/// What came with a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Taken {
-    /// Frames lost before this one: for want of a buffer, or damaged.
-    pub missed: u32,
-    /// Older ones that were ready as well and were left out.
-    pub passed_over: u32,
-}
-
-/// Why there is no frame.
-#[derive(Debug, thiserror::Error)]
-pub enum LiveError {
-    /// None came in the time given.
-    #[error("no frame came")]
-    Timeout,
-    /// That was the last one.
-    #[error("the flight has ended")]
-    Ended,
-    /// The source is to be opened again.
-    #[error("{0}")]
-    Gone(String),
-    /// A file that no opening again will mend.
-    #[error(transparent)]
-    Broken(#[from] SourceError),
-}
-
-/// A source of frames that come when they come.
-pub trait LiveSource {
-    /// Writes the newest frame into `frame`, its time by [`crate::shell::support::clock::now_us`], waiting at most `timeout`.
-    ///
-    /// # Errors
-    /// [`LiveError`]; `frame` may hold anything then.
-    fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<Taken, LiveError>;
-}
 
 /// Makes a source as the settings say; what a simulated vehicle tells goes into the channel.
 pub type Open =
@@ -105,7 +71,7 @@ pub fn open(config: &Config, heard: &Sender<Inbound>) -> Result<Box<dyn LiveSour
 pub fn own_camera(config: &Config) -> Result<Option<CameraFile>, Error> {
     match named(config) {
         Named::Camera(_) => Ok(None),
-        Named::File(path) => CameraFile::beside(Path::new(path)),
+        Named::File(path) => Ok(CameraFile::beside(Path::new(path))?),
         Named::Simulated(settings) => Ok(Some(Simulator::new(&settings).camera())),
     }
 }
@@ -119,7 +85,7 @@ pub fn first_camera(config: &Config, own: Option<&CameraFile>) -> Result<Camera,
     match named(config) {
         Named::File(_) => {
             let fov = config.camera.field_of_view;
-            CameraArgs { fov, ..CameraArgs::default() }.camera(size.0, size.1, None)
+            Ok(CameraArgs { fov, ..CameraArgs::default() }.camera(size.0, size.1, None)?)
         }
         Named::Camera(_) | Named::Simulated(_) => config.camera(size, own),
     }

@@ -1,7 +1,7 @@
 //! A V4L2 camera as a live source.
 
 use super::config::CameraConfig;
-use super::source::{LiveError, LiveSource};
+use super::live_source::{LiveError, LiveSource};
 use std::boxed::Box;
 use std::path::Path;
 
@@ -35,14 +35,14 @@ impl LiveSource for crate::shell::sources::v4l2::Camera {
         &mut self,
         frame: &mut crate::shell::sources::Frame,
         timeout: std::time::Duration,
-    ) -> Result<super::source::Taken, LiveError> {
+    ) -> Result<super::live_source::Taken, LiveError> {
         use crate::shell::sources::v4l2::CameraError;
         use std::string::ToString;
         let taken = Self::next(self, frame, timeout).map_err(|error| match error {
             CameraError::Timeout => LiveError::Timeout,
             error => LiveError::Gone(error.to_string()),
         })?;
-        Ok(super::source::Taken {
+        Ok(super::live_source::Taken {
             missed: taken.missed + taken.damaged,
             passed_over: taken.passed_over,
         })

@@ -6,6 +6,7 @@ use crate::detector::{Detections, Stage};
 use crate::mavlink::messages::Blind;
 use crate::model::Model;
 use crate::shell::error::Error;
+use crate::shell::pipeline::PipelineError;
 use crate::shell::pipeline::{DetectorArgs, Memory};
 use crate::shell::sources::Frame;
 use crate::shell::support::clock::now_us;
@@ -36,7 +37,7 @@ pub struct Seen {
 /// Looks at frames until `stop`. A frame of another size than the one before gets a new detector.
 ///
 /// # Errors
-/// [`Error::Detector`] for a frame that the detector cannot be made for.
+/// [`PipelineError::Detector`] for a frame that the detector cannot be made for.
 pub fn run(
     model: &Model<'_>,
     args: &DetectorArgs,
@@ -58,8 +59,11 @@ pub fn run(
         let config = args.config(model, size.0, size.1)?;
         let mut memory = Memory::new(&config);
         tracing::info!(width = size.0, height = size.1, bytes = memory.len_bytes(), "detector");
-        let refused =
-            |source| Error::Detector { input: String::from("source"), frame: number, source };
+        let refused = |source| PipelineError::Detector {
+            input: String::from("source"),
+            frame: number,
+            source,
+        };
         let mut detector = memory.detector(model, config).map_err(refused)?;
         loop {
             number += 1;
@@ -69,7 +73,7 @@ pub fn run(
             let mut observer = |stage: Stage| ended_us[stage as usize] = now_us();
             let found = detector
                 .process_observed(frame.view(), frame.time_us, &mut observer)
-                .map_err(|source| Error::Detector {
+                .map_err(|source| PipelineError::Detector {
                     input: String::from("source"),
                     frame: number,
                     source,

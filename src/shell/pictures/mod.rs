@@ -3,7 +3,7 @@
 pub mod annotate;
 pub mod strip;
 
-use super::error::Error;
+use crate::shell::support::file_error::FileError;
 use annotate::Picture;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
@@ -14,6 +14,22 @@ use std::string::{String, ToString};
 use std::thread::JoinHandle;
 use std::vec::Vec;
 use std::{format, fs, thread};
+
+/// A picture or video that cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum PictureError {
+    /// The system refuses the file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A video encoder that cannot be started or gave up.
+    #[error("{}: {reason}", path.display())]
+    Encoder {
+        /// The video.
+        path: PathBuf,
+        /// The encoder's own words, and the remedy.
+        reason: String,
+    },
+}
 
 /// Where pictures go.
 #[derive(Debug)]
@@ -28,14 +44,14 @@ impl Pictures {
     /// A video if the name ends in `.mp4`, else a folder, which is made if it does not exist.
     ///
     /// # Errors
-    /// [`Error::Write`].
-    pub fn create(path: &Path) -> Result<Self, Error> {
+    /// [`FileError::Write`].
+    pub fn create(path: &Path) -> Result<Self, PictureError> {
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4")) {
             // Told now rather than by the encoder after some frames.
-            fs::File::create(path).map_err(Error::write(path))?;
+            fs::File::create(path).map_err(FileError::write(path))?;
             Ok(Self::Video(Video { path: path.into(), state: State::Empty }))
         } else {
-            fs::create_dir_all(path).map_err(Error::write(path))?;
+            fs::create_dir_all(path).map_err(FileError::write(path))?;
             Ok(Self::Folder(path.into()))
         }
     }
@@ -43,8 +59,13 @@ impl Pictures {
     /// Writes the picture of frame `number` (from 1), taken at `time_us`.
     ///
     /// # Errors
-    /// [`Error::Write`], [`Error::Encoder`]; the pictures before stay as they are.
-    pub fn write(&mut self, number: u64, time_us: i64, picture: &Picture) -> Result<(), Error> {
+    /// [`FileError::Write`], [`PictureError::Encoder`]; the pictures before stay as they are.
+    pub fn write(
+        &mut self,
+        number: u64,
+        time_us: i64,
+        picture: &Picture,
+    ) -> Result<(), PictureError> {
         match self {
             Self::Folder(folder) => write_png(&folder.join(format!("{number:06}.png")), picture),
             Self::Video(video) => video.write(time_us, picture),
@@ -54,8 +75,8 @@ impl Pictures {
     /// Completes the video.
     ///
     /// # Errors
-    /// [`Error::Encoder`].
-    pub fn finish(self) -> Result<(), Error> {
+    /// [`PictureError::Encoder`].
+    pub fn finish(self) -> Result<(), PictureError> {
         match self {
             Self::Folder(_) => Ok(()),
             Self::Video(video) => video.finish(),
@@ -63,16 +84,16 @@ impl Pictures {
     }
 }
 
-fn write_png(path: &Path, picture: &Picture) -> Result<(), Error> {
+fn write_png(path: &Path, picture: &Picture) -> Result<(), PictureError> {
     let mut bytes = Vec::new();
     let (width, height) = (picture.width as u32, picture.height as u32);
     PngEncoder::new(&mut bytes)
         .write_image(&picture.rgb, width, height, ExtendedColorType::Rgb8)
-        .map_err(|e| Error::Write { path: path.into(), source: io::Error::other(e) })?;
+        .map_err(|e| FileError::Write { path: path.into(), source: io::Error::other(e) })?;
     fs::write(path, bytes).map_err(|source| {
         // Half a picture is of no use; the error that is told is the first one.
         let _ = fs::remove_file(path);
-        Error::Write { path: path.into(), source }
+        FileError::Write { path: path.into(), source }.into()
     })
 }
 
@@ -98,7 +119,7 @@ enum State {
 const DEFAULT_RATE: f64 = 30.0;
 
 impl Video {
-    fn write(&mut self, time_us: i64, picture: &Picture) -> Result<(), Error> {
+    fn write(&mut self, time_us: i64, picture: &Picture) -> Result<(), PictureError> {
         match &mut self.state {
             State::Empty => {
                 self.state = State::First { time_us, picture: picture.clone() };
@@ -119,16 +140,16 @@ impl Video {
     }
 
     /// The encoder's own words where a write to it failed.
-    fn told(&mut self, written: io::Result<()>) -> Result<(), Error> {
+    fn told(&mut self, written: io::Result<()>) -> Result<(), PictureError> {
         let Err(error) = written else { return Ok(()) };
         match std::mem::replace(&mut self.state, State::Empty) {
             State::Running(encoder) => encoder.finish(&self.path)?,
             State::Empty | State::First { .. } => {}
         }
-        Err(Error::Encoder { path: self.path.clone(), reason: format!("ffmpeg: {error}") })
+        Err(PictureError::Encoder { path: self.path.clone(), reason: format!("ffmpeg: {error}") })
     }
 
-    fn finish(self) -> Result<(), Error> {
+    fn finish(self) -> Result<(), PictureError> {
         match self.state {
             State::Empty => Ok(()),
             State::First { picture, .. } => {
@@ -153,7 +174,7 @@ struct Encoder {
 }
 
 impl Encoder {
-    fn start(path: &Path, picture: &Picture, rate: f64) -> Result<Self, Error> {
+    fn start(path: &Path, picture: &Picture, rate: f64) -> Result<Self, PictureError> {
         let size = format!("{}x{}", picture.width, picture.height);
         let mut command = Command::new("ffmpeg");
         command
@@ -180,7 +201,7 @@ impl Encoder {
         };
         let mut child = command
             .spawn()
-            .map_err(|e| Error::Encoder { path: path.into(), reason: reason(&e) })?;
+            .map_err(|e| PictureError::Encoder { path: path.into(), reason: reason(&e) })?;
         let (input, stderr) = child.stdin.take().zip(child.stderr.take()).expect("both are piped");
         let complaints = thread::spawn(move || {
             let mut bytes = Vec::new();
@@ -196,12 +217,12 @@ impl Encoder {
     }
 
     /// Waits for the end of the video.
-    fn finish(mut self, path: &Path) -> Result<(), Error> {
+    fn finish(mut self, path: &Path) -> Result<(), PictureError> {
         drop(self.input);
         let status = self.child.wait();
         let complaints = self.complaints.join().unwrap_or_default();
         if complaints.contains("No space left on device") {
-            return Err(io::ErrorKind::StorageFull.into()).map_err(Error::write(path));
+            return Err(FileError::write(path)(io::ErrorKind::StorageFull.into()).into());
         }
         // A failure while closing the file ends with status 0: complaints count, the first one tells most.
         let reason = match (complaints.lines().find(|line| !line.trim().is_empty()), status) {
@@ -210,6 +231,6 @@ impl Encoder {
             (None, Ok(status)) => status.to_string(),
             (None, Err(error)) => error.to_string(),
         };
-        Err(Error::Encoder { path: path.into(), reason: format!("ffmpeg: {reason}") })
+        Err(PictureError::Encoder { path: path.into(), reason: format!("ffmpeg: {reason}") })
     }
 }

@@ -1,6 +1,6 @@
 //! What the detector saw of an object: the window around it in the frames of its st-cube, side by side.
 
-use crate::shell::evaluate::matching::Box4;
+use crate::shell::formats::detections::Box4;
 use crate::shell::sources::Frame;
 use image::codecs::png::PngEncoder;
 use image::imageops::{self, FilterType};

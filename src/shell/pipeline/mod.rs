@@ -1,16 +1,22 @@
 //! From a source through the detector: the model's bytes, the detector's memory, the loop over frames.
 
 pub mod difference;
+mod error;
 pub mod methods;
+mod on_clips;
+pub mod scaled;
 
-use super::error::Error;
+pub use error::PipelineError;
+pub use on_clips::on_clips;
+
 use super::formats::detections::SCORE_BITS;
-use super::sources::scaled::{FrameSize, Scaling};
+use super::pipeline::scaled::{FrameSize, Scaling};
 use super::sources::{Frame, FrameSource};
 use super::support::interrupt::{self, Ended};
 use crate::detector::{Buffers, Config, Detections, Detector};
 use crate::model::calibration::ONE;
 use crate::model::{Method, Model};
+use crate::shell::support::file_error::FileError;
 use difference::Difference;
 use methods::MethodName;
 use std::borrow::Cow;
@@ -82,15 +88,15 @@ impl DetectorArgs {
     /// The least score that was asked for, if any: as it is, or by the model's table.
     ///
     /// # Errors
-    /// [`Error::NotCalibrated`], [`Error::Precision`].
-    pub fn least_score(&self, model: &Model<'_>) -> Result<Option<i32>, Error> {
+    /// [`PipelineError::NotCalibrated`], [`PipelineError::Precision`].
+    pub fn least_score(&self, model: &Model<'_>) -> Result<Option<i32>, PipelineError> {
         let Some(wanted) = self.min_precision else { return Ok(self.threshold) };
         let share = |precision: u32| f64::from(precision) / f64::from(ONE);
         match (model.calibration().threshold(wanted), model.calibration().knots().last()) {
             (Some(score), _) => Ok(Some(score)),
-            (None, None) => Err(Error::NotCalibrated { wanted: share(wanted) }),
+            (None, None) => Err(PipelineError::NotCalibrated { wanted: share(wanted) }),
             (None, Some(best)) => {
-                Err(Error::Precision { wanted: share(wanted), best: share(best.precision) })
+                Err(PipelineError::Precision { wanted: share(wanted), best: share(best.precision) })
             }
         }
     }
@@ -99,7 +105,12 @@ impl DetectorArgs {
     ///
     /// # Errors
     /// As [`DetectorArgs::least_score`].
-    pub fn config(&self, model: &Model<'_>, width: usize, height: usize) -> Result<Config, Error> {
+    pub fn config(
+        &self,
+        model: &Model<'_>,
+        width: usize,
+        height: usize,
+    ) -> Result<Config, PipelineError> {
         let mut config = Config::of_method(width, height, self.ablation.of(model.method()));
         config.threshold = self.least_score(model)?.unwrap_or(config.threshold);
         config.trace &= !self.no_trace;
@@ -142,11 +153,11 @@ impl ModelFile {
     /// Reads a file, or takes the shipped model.
     ///
     /// # Errors
-    /// [`Error::Read`].
-    pub fn load(path: Option<&Path>) -> Result<Self, Error> {
+    /// [`FileError::Read`].
+    pub fn load(path: Option<&Path>) -> Result<Self, PipelineError> {
         match path {
             Some(path) => {
-                let bytes = fs::read(path).map_err(Error::read(path))?.into();
+                let bytes = fs::read(path).map_err(FileError::read(path))?.into();
                 Ok(Self { path: path.into(), bytes })
             }
             None => Ok(Self { path: "the shipped model".into(), bytes: SHIPPED.into() }),
@@ -156,10 +167,10 @@ impl ModelFile {
     /// Reads METHOD.lkm of a folder, as `lookout train --method` writes it.
     ///
     /// # Errors
-    /// [`Error::MethodModel`] when it is not there or says that it is of another method.
-    pub fn of_method(folder: &Path, method: MethodName) -> Result<Self, Error> {
+    /// [`PipelineError::MethodModel`] when it is not there or says that it is of another method.
+    pub fn of_method(folder: &Path, method: MethodName) -> Result<Self, PipelineError> {
         let path = folder.join(format!("{method}.lkm"));
-        let refused = |reason| Error::MethodModel { method, path: path.clone(), reason };
+        let refused = |reason| PipelineError::MethodModel { method, path: path.clone(), reason };
         let bytes = fs::read(&path).map_err(|error| refused(format!("cannot read: {error}")))?;
         let file = Self { path: path.clone(), bytes: bytes.into() };
         let provenance = serde_json::from_str(file.parse()?.provenance());
@@ -175,9 +186,10 @@ impl ModelFile {
     /// The checked model.
     ///
     /// # Errors
-    /// [`Error::Model`].
-    pub fn parse(&self) -> Result<Model<'_>, Error> {
-        Model::parse(&self.bytes).map_err(|source| Error::Model { path: self.path.clone(), source })
+    /// [`PipelineError::Model`].
+    pub fn parse(&self) -> Result<Model<'_>, PipelineError> {
+        Model::parse(&self.bytes)
+            .map_err(|source| PipelineError::Model { path: self.path.clone(), source })
     }
 }
 
@@ -223,26 +235,26 @@ impl Memory {
 }
 
 /// Hears of each frame: its number (from 1), the frame and what was found in it.
-pub type Each<'a> = dyn FnMut(u64, &Frame, &Detections) -> Result<(), Error> + 'a;
+pub type Each<'a, E> = dyn FnMut(u64, &Frame, &Detections) -> Result<(), E> + 'a;
 
 /// Runs a detector over all frames.
 ///
 /// # Errors
-/// Those of the source, of the detector and of `each`; [`Error::NoFrames`]. `each` has seen every frame before.
-pub fn run(
+/// Those of the source, of the detector and of `each`; [`PipelineError::NoFrames`]. `each` has seen every frame before.
+pub fn run<E: From<PipelineError>>(
     input: &str,
     source: &mut dyn FrameSource,
     model: &Model<'_>,
     args: &DetectorArgs,
-    each: &mut Each<'_>,
-) -> Result<Ended, Error> {
+    each: &mut Each<'_, E>,
+) -> Result<Ended, E> {
     let first = first_frame(input, source)?;
     let scaling = Scaling::new(args.frame, first.width, first.height);
     let (width, height) = scaling.seen();
     let config = args.config(model, width, height)?;
     let mut memory = Memory::new(&config);
     tracing::debug!(input, ?config, bytes = memory.len_bytes(), "detector");
-    let refused = |source| Error::Detector { input: input.into(), frame: 1, source };
+    let refused = |source| PipelineError::Detector { input: input.into(), frame: 1, source };
     let mut detector = memory.detector(model, config).map_err(refused)?;
     let mut seen = Frame::default();
     let mut process = |frame: &Frame| {
@@ -261,36 +273,37 @@ pub fn run(
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_difference(
+pub fn run_difference<E: From<PipelineError>>(
     input: &str,
     source: &mut dyn FrameSource,
     threshold: Option<i32>,
-    each: &mut Each<'_>,
-) -> Result<Ended, Error> {
+    each: &mut Each<'_, E>,
+) -> Result<Ended, E> {
     let first = first_frame(input, source)?;
     let mut difference = Difference::new(first.width, first.height, threshold);
     process_all(input, source, first, &mut |frame| difference.process(frame.view()), each)
 }
 
-fn first_frame(input: &str, source: &mut dyn FrameSource) -> Result<Frame, Error> {
+fn first_frame(input: &str, source: &mut dyn FrameSource) -> Result<Frame, PipelineError> {
     let mut frame = Frame::default();
     if source.next_frame(&mut frame)? {
         Ok(frame)
     } else {
-        Err(Error::NoFrames { input: input.into() })
+        Err(PipelineError::NoFrames { input: input.into() })
     }
 }
 
 /// Shows `frame` and all that follow it to `process`.
-fn process_all(
+fn process_all<E: From<PipelineError>>(
     input: &str,
     source: &mut dyn FrameSource,
     mut frame: Frame,
     process: &mut dyn FnMut(&Frame) -> Result<Detections, crate::detector::Error>,
-    each: &mut Each<'_>,
-) -> Result<Ended, Error> {
+    each: &mut Each<'_, E>,
+) -> Result<Ended, E> {
     for number in 1.. {
-        let refused = |source| Error::Detector { input: input.into(), frame: number, source };
+        let refused =
+            |source| PipelineError::Detector { input: input.into(), frame: number, source };
         let detections = process(&frame).map_err(refused)?;
         tracing::trace!(number, frame.time_us, found = detections.list.len(), "frame");
         each(number, &frame, &detections)?;
@@ -299,7 +312,7 @@ fn process_all(
             _ if interrupt::requested() => return Ok(Ended::Interrupted),
             Ok(true) => {}
             Ok(false) => break,
-            Err(error) => return Err(error.into()),
+            Err(error) => return Err(PipelineError::from(error).into()),
         }
     }
     Ok(Ended::Complete)
@@ -308,12 +321,15 @@ fn process_all(
 /// Does `work` where the core finds so many threads; 0: one a processor core.
 ///
 /// # Errors
-/// [`Error::Threads`].
-pub fn on_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> Result<R, Error> {
+/// [`PipelineError::Threads`].
+pub fn on_threads<R: Send>(
+    threads: usize,
+    work: impl FnOnce() -> R + Send,
+) -> Result<R, PipelineError> {
     #[cfg(feature = "rayon")]
     {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        let reason = |e| Error::Threads { threads, reason: format!("{e}") };
+        let reason = |e| PipelineError::Threads { threads, reason: format!("{e}") };
         Ok(pool.map_err(reason)?.install(work))
     }
     #[cfg(not(feature = "rayon"))]

@@ -2,8 +2,9 @@
 
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::CameraFile;
+use crate::shell::simulate::source::Simulated;
 use crate::shell::simulate::{SimulateSettings, Simulator, Telemetry};
-use crate::shell::sources::{self, FrameSource, Simulated};
+use crate::shell::sources::{self, FrameSource};
 use std::boxed::Box;
 use std::path::Path;
 use std::string::String;
@@ -34,7 +35,7 @@ impl FlightArgs {
     /// As [`CameraFile::beside`].
     pub fn camera(&self, input: Option<&str>) -> Result<Option<CameraFile>, Error> {
         match input {
-            Some(input) => CameraFile::beside(Path::new(input)),
+            Some(input) => Ok(CameraFile::beside(Path::new(input))?),
             None => Ok(Some(Simulator::new(&self.settings).camera())),
         }
     }

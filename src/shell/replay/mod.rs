@@ -3,7 +3,7 @@
 pub mod flight;
 pub mod telemetry;
 
-use super::error::{Error, STDOUT};
+use super::error::Error;
 use super::formats::camera_file::{CameraArgs, CameraFile};
 use super::formats::detections::{self, SCORE_BITS, TextFile};
 use super::formats::traffic;
@@ -18,13 +18,14 @@ use crate::mavlink::component::parameters::Parameters;
 use crate::mavlink::lookout::Onboard;
 use crate::model::Model;
 use crate::model::calibration::ONE;
+use crate::shell::support::print::print_line;
 use crate::tracking::tracker;
 use crate::tracking::traffic::Level;
 use flight::FlightArgs;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::collections::BTreeMap;
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+
+use std::path::PathBuf;
 use std::string::String;
 use std::time::Instant;
 use std::{eprintln, format};
@@ -289,12 +290,4 @@ fn in_words(number: u64, time_us: i64, detection: &Detection) -> String {
         "frame {number}, {seconds:.3} s: {width:.1}x{height:.1} px at ({x:.1}, {y:.1}), score {score:.2}, \
          moving ({vx:+.1}, {vy:+.1}) px a frame"
     )
-}
-
-/// A line on standard output.
-///
-/// # Errors
-/// [`Error::Write`]; [`Error::is_closed_pipe`] tells when nobody reads any more.
-pub fn print_line(line: &str) -> Result<(), Error> {
-    writeln!(io::stdout().lock(), "{line}").map_err(Error::write(Path::new(STDOUT)))
 }

@@ -65,7 +65,7 @@ impl TelemetryArgs {
     /// The parameters to begin with.
     ///
     /// # Errors
-    /// [`Error::Read`].
+    /// [`FileError::Read`].
     pub fn parameters(&self) -> Result<Parameters, Error> {
         match &self.parameters {
             Some(path) => params::load(path).map_err(Error::read(path)),
@@ -82,7 +82,7 @@ fn parse_start(text: &str) -> Result<f64, &'static str> {
 /// Signatures with the key in `path`; the signing time is kept in `path`.time.
 ///
 /// # Errors
-/// [`Error::Read`].
+/// [`FileError::Read`].
 pub fn signing_with(path: &Path) -> Result<Signing, Error> {
     let key = signing::read_key(path).map_err(Error::read(path))?;
     let mut time = path.to_path_buf().into_os_string();
@@ -118,7 +118,7 @@ impl Telemetry {
     /// Opens what `args` name; `simulated` is the telemetry of a simulated flight.
     ///
     /// # Errors
-    /// [`Error::Tlog`], [`Error::Write`].
+    /// [`Error::Tlog`], [`FileError::Write`].
     pub fn open(
         args: &TelemetryArgs,
         simulated: Option<simulate::Telemetry>,
@@ -160,7 +160,7 @@ impl Telemetry {
     /// Lets time go on to `to_us`, with all that is heard and said until then.
     ///
     /// # Errors
-    /// [`Error::Tlog`], [`Error::Write`].
+    /// [`Error::Tlog`], [`FileError::Write`].
     pub fn advance(&mut self, onboard: &mut Onboard, to_us: i64) -> Result<(), Error> {
         while self.now_us < to_us {
             self.now_us = (self.now_us + TICK_US).min(to_us);
@@ -223,7 +223,7 @@ impl Telemetry {
     /// Completes the log.
     ///
     /// # Errors
-    /// [`Error::Write`].
+    /// [`FileError::Write`].
     pub fn finish(mut self) -> Result<(), Error> {
         match &mut self.log {
             Some((path, log)) => log.flush().map_err(Error::write(path)),

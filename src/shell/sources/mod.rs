@@ -1,22 +1,20 @@
 //! Where frames come from.
 
 mod folder;
-pub mod scaled;
 mod times;
 #[cfg(target_os = "linux")]
 pub mod v4l2;
 mod video;
 mod y4m;
 
-pub use crate::shell::simulate::source::Simulated;
 pub use folder::Folder;
-pub(crate) use folder::is_picture;
+use folder::is_picture;
+use std::fs;
 pub use video::Video;
 pub use y4m::Y4m;
 pub(crate) use y4m::expand;
 
 use crate::image::Image;
-use crate::shell::formats::clips;
 use std::boxed::Box;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
@@ -85,13 +83,30 @@ pub fn open(input: &str) -> Result<Box<dyn FrameSource>, SourceError> {
     if !path.is_dir() {
         return open_file(path);
     }
-    match (Folder::new(path), clips::input(path)) {
+    match (Folder::new(path), clip_input(path)) {
         (Err(SourceError::NoPictures { .. }), Some(found)) if found.is_dir() => {
             Ok(Box::new(Folder::new(&found)?))
         }
         (Err(SourceError::NoPictures { .. }), Some(found)) => open_file(&found),
         (pictures, _) => Ok(Box::new(pictures?)),
     }
+}
+
+/// The frames of the clip in `directory`: `video.mp4`, else the first other video by name, else the
+/// pictures in `frames/`, else pictures in the folder itself.
+pub fn clip_input(directory: &Path) -> Option<PathBuf> {
+    let video = directory.join("video.mp4");
+    if video.is_file() {
+        return Some(video);
+    }
+    let entries = || fs::read_dir(directory).ok().into_iter().flatten().flatten();
+    let is_video = |path: &PathBuf| has_extension(path, &["mp4", "avi", "mkv"]) && path.is_file();
+    let videos = entries().map(|entry| entry.path()).filter(is_video);
+    let frames = directory.join("frames");
+    videos.min().or_else(|| frames.is_dir().then_some(frames)).or_else(|| {
+        let pictures = entries().any(|entry| is_picture(&entry.path()));
+        pictures.then(|| directory.to_path_buf())
+    })
 }
 
 fn open_file(path: &Path) -> Result<Box<dyn FrameSource>, SourceError> {

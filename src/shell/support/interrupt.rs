@@ -1,10 +1,8 @@
 //! Ctrl-C ends a run after the frame in hand; pressed again, at once. A service hears SIGHUP apart.
 
-use crate::shell::error::Error;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::io;
-use std::string::ToString;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock};
 use std::vec::Vec;
@@ -26,8 +24,8 @@ pub enum Ended {
 /// From now on Ctrl-C (and SIGTERM, SIGHUP) only sets [`requested`]; the second one ends the program.
 ///
 /// # Errors
-/// [`Error::Interrupt`] when the system refuses.
-pub fn watch() -> Result<(), Error> {
+/// [`InterruptError`] when the system refuses.
+pub fn watch() -> Result<(), InterruptError> {
     let mut signals = Vec::from([SIGINT, SIGTERM]);
     #[cfg(unix)]
     signals.push(signal_hook::consts::SIGHUP);
@@ -47,8 +45,8 @@ pub struct Control {
 /// who send it (`timeout`, a manager that ends a whole group) may well send two.
 ///
 /// # Errors
-/// [`Error::Interrupt`] when the system refuses.
-pub fn watch_service() -> Result<Control, Error> {
+/// [`InterruptError`] when the system refuses.
+pub fn watch_service() -> Result<Control, InterruptError> {
     end_by(&[SIGINT])?;
     flag::register(SIGTERM, REQUESTED.clone()).map_err(refused)?;
     let control = Control { stop: REQUESTED.clone(), ..Control::default() };
@@ -57,7 +55,7 @@ pub fn watch_service() -> Result<Control, Error> {
     Ok(control)
 }
 
-fn end_by(signals: &[i32]) -> Result<(), Error> {
+fn end_by(signals: &[i32]) -> Result<(), InterruptError> {
     for &signal in signals {
         // The order counts: the first signal finds the flag not yet set.
         flag::register_conditional_shutdown(signal, EXIT_STATUS.into(), REQUESTED.clone())
@@ -67,8 +65,15 @@ fn end_by(signals: &[i32]) -> Result<(), Error> {
     Ok(())
 }
 
-fn refused(error: io::Error) -> Error {
-    Error::Interrupt { reason: error.to_string() }
+fn refused(source: io::Error) -> InterruptError {
+    InterruptError { source }
+}
+
+/// Signals cannot be watched.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot watch for Ctrl-C: {source}")]
+pub struct InterruptError {
+    source: io::Error,
 }
 
 /// Whether Ctrl-C was pressed.

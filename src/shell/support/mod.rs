@@ -2,8 +2,10 @@
 
 pub mod atomic_file;
 pub mod clock;
+pub mod file_error;
 pub mod histogram;
 pub mod interrupt;
 pub mod parallel;
+pub mod print;
 pub mod random;
 pub mod vectors;

@@ -11,10 +11,10 @@ use crate::shell::error::Error;
 use crate::shell::evaluate::matching::{self, Found, Verdict, WARMUP};
 use crate::shell::formats::clips::{self, Clip};
 use crate::shell::formats::detections::{self, SCORE_BITS};
+use crate::shell::pipeline::on_clips;
+use crate::shell::pipeline::scaled::FrameSize;
 use crate::shell::pipeline::{self, DetectorArgs};
 use crate::shell::sources;
-use crate::shell::sources::scaled::FrameSize;
-use crate::shell::support::parallel;
 use std::format;
 use std::path::PathBuf;
 use std::string::String;
@@ -68,7 +68,7 @@ pub fn measure(
     if all.is_empty() {
         return Ok(Some(Vec::new()));
     }
-    let Some(counted) = parallel::clips(&all, 0, &|_, clip| count(clip, frame, model))? else {
+    let Some(counted) = on_clips::<_, Error>(&all, 0, &|_, clip| count(clip, frame, model))? else {
         return Ok(None);
     };
     let mut frames = vec![0; folders.len()];
@@ -93,7 +93,7 @@ fn count(
     let mut found: Vec<Found> = Vec::new();
     let mut source = sources::open(&input)?;
     let args = DetectorArgs { frame, ..DetectorArgs::default() };
-    pipeline::run(&input, source.as_mut(), model, &args, &mut |number, _, detections| {
+    pipeline::run::<Error>(&input, source.as_mut(), model, &args, &mut |number, _, detections| {
         found.extend(detections::found(number, detections));
         Ok(())
     })?;

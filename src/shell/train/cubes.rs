@@ -4,14 +4,15 @@ use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
 use super::windows;
 use crate::channels::scale_space::Pyramid;
+use crate::channels::window::Position;
+use crate::channels::window::{SUBCELL, WINDOW};
 use crate::detector::Config;
 use crate::detector::classifier::Judge;
 use crate::model::Model;
 use crate::scan;
 use crate::scan::cascade::Candidate;
 use crate::shell::support::random::Random;
-use crate::stcube::compensation::Position;
-use crate::stcube::cube::{Cube, Patch, SCALARS, SUBCELL, WINDOW};
+use crate::stcube::cube::{Cube, Patch, SCALARS};
 use crate::stcube::feature::Feature;
 use std::vec::Vec;
 

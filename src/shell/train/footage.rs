@@ -5,15 +5,16 @@ use super::look::Look;
 use super::paste::{self, Run, Turning};
 use crate::channels::front_end::{FrontEnd, REACH};
 use crate::channels::scale_space::Pyramid;
+use crate::channels::window::SLICES;
 use crate::detector::Config;
 use crate::shell::error::Error;
 use crate::shell::formats::clips::{self, TruthBox};
 use crate::shell::pipeline::Memory;
-use crate::shell::sources::scaled::Scaling;
+use crate::shell::pipeline::scaled::Scaling;
 use crate::shell::sources::{self, Frame};
 use crate::shell::support::parallel;
 use crate::shell::support::random::Random;
-use crate::stcube::cube::SLICES;
+use crate::shell::train::TrainError;
 use std::string::ToString;
 use std::vec::Vec;
 
@@ -79,7 +80,7 @@ pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Er
         if pasted.iter().all(|clip| clip.boxes.iter().flatten().all(|b| b.id < paste::FIRST_ID)) {
             let reason = "--paste needs clips with truth.csv and camera.json to paste into, and \
                  others with objects before a plain sky, of 18 pixels at least";
-            return Err(Error::Training { reason: reason.to_string() });
+            return Err(TrainError::Training { reason: reason.to_string() }.into());
         }
         footage.extend(pasted);
     }

@@ -1,9 +1,9 @@
 //! What a window is to be taken for.
 
 use crate::channels::scale_space::{Level, TARGET_CELLS};
+use crate::channels::window::Position;
 use crate::image::gradient::CELL;
 use crate::shell::formats::clips::TruthBox;
-use crate::stcube::compensation::Position;
 use std::vec::Vec;
 
 /// Targets shorter than this many pixels are neither learned nor held against a window.

@@ -23,10 +23,12 @@ use super::error::Error;
 use super::pipeline::Ablation;
 use super::pipeline::ModelFile;
 use super::pipeline::methods::{MethodName, Recipe, Sees};
-use super::sources::scaled::FrameSize;
+use super::pipeline::scaled::FrameSize;
 use super::support::interrupt::Ended;
 use crate::channels::history::History;
 use crate::model::{Method, Model, Section};
+use crate::shell::pipeline::PipelineError;
+use crate::shell::support::file_error::FileError;
 use crate::stcube::compensation::Alignment;
 use file::Parts;
 use report::Report;
@@ -37,6 +39,29 @@ use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::time::Instant;
 use std::vec::Vec;
+
+/// Why training cannot begin or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// Training cannot go on.
+    #[error("training: {reason}; give more flights with targets, or other settings")]
+    Training {
+        /// What stands in the way.
+        reason: String,
+    },
+    /// A method that is not trained.
+    #[error("{method} learns nothing: run it with `lookout eval DATA_SPLIT --method {method}`")]
+    NothingToLearn {
+        /// The method.
+        method: MethodName,
+    },
+}
+
+impl From<TrainError> for Error {
+    fn from(error: TrainError) -> Self {
+        Self::verb(error)
+    }
+}
 
 /// What the classifier of cubes minimises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -164,7 +189,7 @@ impl TrainArgs {
     /// What is to be trained.
     fn recipe(&self) -> Result<Recipe, Error> {
         let name = self.method;
-        let recipe = name.recipe().ok_or(Error::NothingToLearn { method: name })?;
+        let recipe = name.recipe().ok_or(TrainError::NothingToLearn { method: name })?;
         let alignment = self.alignment.map_or(recipe.method.alignment, Alignment::from);
         let scales_per_octave = self.scales_per_octave;
         let method = self.ablation.of(recipe.method);
@@ -183,12 +208,13 @@ impl TrainArgs {
             let file = ModelFile::load(Some(path))?;
             let model = file.parse()?;
             if model.method().registration != recipe.method.registration {
-                return Err(Error::MethodModel {
+                return Err(PipelineError::MethodModel {
                     method: self.method,
                     path: path.clone(),
                     reason: "one of both looks at registered frames, its scan cannot be shared"
                         .into(),
-                });
+                }
+                .into());
             }
             let shared =
                 [Section::Scan, Section::PatchFeatures, Section::Horizontal, Section::Vertical];
@@ -258,7 +284,8 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
     let bytes = parts.encode();
     write(&args.out, &bytes)?;
     report.card(&args.card(), &args.out, &bytes, &summary, &precision, started.elapsed())?;
-    fs::remove_file(&partial).map_err(|source| Error::Write { path: partial.clone(), source })?;
+    fs::remove_file(&partial)
+        .map_err(|source| FileError::Write { path: partial.clone(), source })?;
     Ok(Ended::Complete)
 }
 
@@ -269,7 +296,7 @@ fn calibrate(
     hold_back: usize,
 ) -> Result<Option<String>, Error> {
     let bytes = parts.encode();
-    let model = Model::parse(&bytes).map_err(|e| Error::Training { reason: e.to_string() })?;
+    let model = Model::parse(&bytes).map_err(|e| TrainError::Training { reason: e.to_string() })?;
     let knots = calibrate::measure(&args.data, hold_back, args.frame, &model)?;
     Ok(knots.map(|knots| {
         parts.set_calibration(&knots);
@@ -309,10 +336,10 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let temporary = path.with_file_name(name);
     let failed = |path: &Path| {
         let path = path.to_path_buf();
-        move |source| Error::Write { path, source }
+        move |source| FileError::Write { path, source }
     };
     fs::write(&temporary, bytes).map_err(failed(&temporary))?;
-    fs::rename(&temporary, path).map_err(failed(path))
+    Ok(fs::rename(&temporary, path).map_err(failed(path))?)
 }
 
 /// The command that gave these settings, for the card.

@@ -1,12 +1,12 @@
 //! Random features for the boosting to choose from.
 
 use crate::boxes::NEWEST_CHANNELS;
+use crate::channels::window::{SLICES, WINDOW};
 use crate::channels::{MAGNITUDE, TEMPORAL};
 use crate::image::gradient::ORIENTATIONS;
 use crate::shell::pipeline::methods::Sees;
 use crate::shell::support::random::Random;
 use crate::stcube::compensation::FIRST_SCALAR;
-use crate::stcube::cube::{SLICES, WINDOW};
 use crate::stcube::feature::{Denominator, Feature};
 use std::vec::Vec;
 

@@ -2,6 +2,7 @@
 
 use super::boost::Round;
 use crate::shell::error::Error;
+use crate::shell::support::file_error::FileError;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use std::fs::{self, File, OpenOptions};
@@ -43,7 +44,7 @@ impl Report {
     /// Starts the log at `path`, or goes on with it.
     ///
     /// # Errors
-    /// [`Error::Write`].
+    /// [`FileError::Write`].
     pub fn create(path: &Path, go_on: bool) -> Result<Self, Error> {
         let log = OpenOptions::new()
             .create(true)
@@ -51,14 +52,14 @@ impl Report {
             .append(go_on)
             .truncate(!go_on)
             .open(path)
-            .map_err(|source| Error::Write { path: path.into(), source })?;
+            .map_err(|source| FileError::Write { path: path.into(), source })?;
         Ok(Self { path: path.into(), log, started: Instant::now() })
     }
 
     fn line(&mut self, mut value: serde_json::Value) -> Result<(), Error> {
         value["seconds"] = json!(self.started.elapsed().as_secs());
         writeln!(self.log, "{value}")
-            .map_err(|source| Error::Write { path: self.path.clone(), source })
+            .map_err(|source| FileError::Write { path: self.path.clone(), source }.into())
     }
 
     /// A progress bar of a stage of `length` steps; 0 where the number is not known.
@@ -75,7 +76,7 @@ impl Report {
     /// Says something on the terminal and in the log.
     ///
     /// # Errors
-    /// [`Error::Write`].
+    /// [`FileError::Write`].
     pub fn note(&mut self, text: &str) -> Result<(), Error> {
         eprintln!("{:>6} s  {text}", self.started.elapsed().as_secs());
         self.line(json!({ "note": text }))
@@ -84,7 +85,7 @@ impl Report {
     /// A round of boosting in the log.
     ///
     /// # Errors
-    /// [`Error::Write`].
+    /// [`FileError::Write`].
     pub fn round(&mut self, stage: &str, round: &Round) -> Result<(), Error> {
         self.line(json!({
             "stage": stage,
@@ -97,7 +98,7 @@ impl Report {
     /// Writes the generated part of the card at `path`.
     ///
     /// # Errors
-    /// [`Error::Write`].
+    /// [`FileError::Write`].
     pub fn card(
         &self,
         path: &Path,
@@ -151,7 +152,7 @@ fn precision_row(precision: &str) -> String {
 /// without a generated part is left as it is.
 ///
 /// # Errors
-/// [`Error::Write`].
+/// [`FileError::Write`].
 pub fn refresh_card(path: &Path, model: &Path, bytes: &[u8], precision: &str) -> Result<(), Error> {
     let old = fs::read_to_string(path).unwrap_or_default();
     let Some((before, rest)) = old.split_once(BEGIN) else { return Ok(()) };

@@ -18,6 +18,7 @@ use crate::shell::error::Error;
 use crate::shell::pipeline::methods::{Learner, Recipe};
 use crate::shell::support::interrupt;
 use crate::shell::support::random::Random;
+use crate::shell::train::TrainError;
 use crate::trees::MAX_DEPTH;
 use std::format;
 use std::ops::ControlFlow;
@@ -434,5 +435,5 @@ fn bag(
 }
 
 fn training(source: impl core::fmt::Display) -> Error {
-    Error::Training { reason: format!("{source}") }
+    TrainError::Training { reason: format!("{source}") }.into()
 }

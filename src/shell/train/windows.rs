@@ -4,14 +4,14 @@ use super::boost::{Data, Samples, SamplesError};
 use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
 use crate::channels::scale_space::Pyramid;
+use crate::channels::window::PADDING;
+use crate::channels::window::Position;
 use crate::detector::Config;
 use crate::model::Model;
-use crate::scan::aggregate::{self, MAP_CHANNELS, PADDING, Strip};
+use crate::scan::aggregate::{self, MAP_CHANNELS, Strip};
 use crate::scan::cascade::{FEATURES, Map};
 use crate::scan::{self, Scratch};
 use crate::shell::support::random::Random;
-use crate::stcube::compensation::Position;
-use crate::stcube::cube::SUBCELL;
 use std::vec;
 use std::vec::Vec;
 
@@ -83,11 +83,6 @@ pub fn candidates(pyramid: &Pyramid<'_>, model: &Model<'_>, config: &Config) -> 
     scan::search(model.scan(), pyramid, config.candidates, false, scratch).0
 }
 
-/// The position of the scan's window (x, y) in cells.
-fn position(x: i16, y: i16) -> Position {
-    Position { x: i32::from(x) * SUBCELL, y: i32::from(y) * SUBCELL }
-}
-
 /// All windows that show a target of the frame.
 pub fn positives(view: &View<'_>, pyramid: &Pyramid<'_>) -> Vec<Window> {
     let truths = truths(&view.boxes);
@@ -137,7 +132,9 @@ pub fn random_negatives(
         let (columns, rows) = map.windows();
         let place = |v: usize| v as i16 - PADDING as i16;
         let (x, y) = (place(random.below(columns)), place(random.below(rows)));
-        if label(&truths, position(x, y), &pyramid.levels()[level], &tolerance) == Label::Negative {
+        if label(&truths, Position::of_cell(x, y), &pyramid.levels()[level], &tolerance)
+            == Label::Negative
+        {
             windows.push(Window {
                 values: map.values(x, y),
                 target: None,

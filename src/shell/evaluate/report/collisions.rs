@@ -2,7 +2,7 @@
 
 use super::bootstrap::{Bootstrap, Interval, RESAMPLES, SEED, Sampled};
 use super::breakdown::ClipTruth;
-use super::figures::{IOUS, JudgedMethod, hours};
+use super::matched::{IOUS, JudgedMethod, hours};
 use super::methods::Method;
 use crate::shell::evaluate::matching::Judged;
 use crate::shell::evaluate::ranking::{ClipCount, Ranking};

@@ -2,6 +2,7 @@
 
 use crate::shell::error::Error;
 use crate::shell::formats::clips::Clip;
+use crate::shell::formats::error::FormatError;
 use serde_json::Value;
 use std::borrow::ToOwned;
 use std::collections::BTreeMap;
@@ -27,7 +28,7 @@ pub struct Facts {
 /// Facts of `clips` from their `camera.json` and from the table beside the folder `data`, where these exist.
 ///
 /// # Errors
-/// [`Error::Read`], or [`Error::Text`] naming file and line.
+/// [`FileError::Read`], or [`FormatError::Line`] naming file and line.
 pub fn read(data: &Path, clips: &[Clip]) -> Result<Vec<Facts>, Error> {
     let table = table_path(data);
     let rows = match &table {
@@ -70,11 +71,11 @@ fn read_table(path: &Path) -> Result<BTreeMap<String, Row>, Error> {
         lines.next().map_or(Vec::new(), |l| l.1.split(',').map(str::trim).collect());
     let mut rows = BTreeMap::new();
     for (index, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
-        let bad = |reason| Error::Text { path: path.into(), line: index + 1, reason };
+        let bad = |reason| FormatError::Line { path: path.into(), line: index + 1, reason };
         let fields: Vec<&str> = line.split(',').map(str::trim).collect();
         if fields.len() != header.len() {
             let (found, expected) = (fields.len(), header.len());
-            return Err(bad(format!("{found} fields, the first line names {expected}")));
+            return Err(bad(format!("{found} fields, the first line names {expected}")).into());
         }
         let mut row = Row::default();
         for (name, field) in header.iter().zip(&fields).filter(|(_, field)| !field.is_empty()) {
@@ -104,7 +105,7 @@ fn read_camera(path: &Path) -> Result<Camera, Error> {
         return Ok(Camera::default());
     }
     let bytes = fs::read(path).map_err(Error::read(path))?;
-    let bad = |line, reason| Error::Text { path: path.into(), line, reason };
+    let bad = |line, reason| FormatError::Line { path: path.into(), line, reason };
     let value: Value = serde_json::from_slice(&bytes).map_err(|e| bad(e.line(), e.to_string()))?;
     let rate = match &value["fps"] {
         Value::Null => None,

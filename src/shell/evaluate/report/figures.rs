@@ -5,19 +5,17 @@ use super::breakdown::{self, ClipTruth, Dimension, GroupFigures};
 use super::collisions::CollisionFigures;
 use super::curves;
 use super::gallery::Strip;
+pub use super::matched::{IOUS, JudgedMethod, hours, judge_method};
 use super::methods::Method;
 use super::regressors::RegressorFigures;
-use crate::shell::evaluate::matching::{self, Judged, Verdict, WARMUP};
+use crate::shell::evaluate::matching::{Judged, Verdict, WARMUP};
 use crate::shell::evaluate::ranking::Ranking;
 use crate::shell::evaluate::score::{self, FALSE_ALARMS, Scorer};
-use crate::shell::formats::clips::Clip;
 use serde::Serialize;
 use std::format;
 use std::string::String;
 use std::vec::Vec;
 
-/// Intersections over union by which detections are judged.
-pub const IOUS: [f64; 2] = [0.5, 0.3];
 /// Place in [`IOUS`] of the one by which operating points, birds and the gallery are judged.
 pub const LOOSE: usize = 1;
 
@@ -143,18 +141,6 @@ pub struct Breakdown {
     pub groups: Vec<GroupFigures>,
 }
 
-/// The detections of a method, judged: by intersection over union and clip.
-pub type JudgedMethod = Vec<Vec<Judged>>;
-
-/// Judges a method's detections.
-pub fn judge_method(clips: &[Clip], method: &Method) -> JudgedMethod {
-    let judge = |iou| {
-        let clips = clips.iter().zip(&method.clips);
-        clips.map(|(c, d)| matching::judge(&c.ground_truth, &d.found, iou, WARMUP)).collect()
-    };
-    IOUS.map(judge).into()
-}
-
 /// What was measured on.
 pub fn flights(judged: &[Judged], truth: &[ClipTruth<'_>]) -> Flights {
     let mut flights = Flights { clips: judged.len(), ..Flights::default() };
@@ -170,12 +156,6 @@ pub fn flights(judged: &[Judged], truth: &[ClipTruth<'_>]) -> Flights {
         }
     }
     flights
-}
-
-/// Hours that the frames of a clip last. The scorer's count of frames ends with the last box, which a flight without a
-/// target may not have.
-pub fn hours(truth: &ClipTruth<'_>) -> f64 {
-    truth.frames as f64 / truth.facts.rate / 3600.0
 }
 
 /// How the intervals of this report are made.

@@ -2,13 +2,14 @@
 
 use super::breakdown::ClipTruth;
 use super::methods::Detected;
+use crate::channels::window::SLICES;
 use crate::shell::error::Error;
 use crate::shell::evaluate::matching::{self, Box4, CLASSES, Judged, Verdict};
 use crate::shell::formats::clips::Clip;
 use crate::shell::pictures::strip as crop;
+use crate::shell::pipeline::on_clips;
 use crate::shell::sources::{self, Frame};
-use crate::shell::support::{interrupt, parallel};
-use crate::stcube::cube::SLICES;
+use crate::shell::support::interrupt;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::format;
@@ -132,7 +133,7 @@ pub fn cut(clips: &[Clip], jobs: usize, strips: Vec<Strip>) -> Result<Option<Vec
         cut_clip(clip, &mut mine)?;
         Ok(mine)
     };
-    let Some(cut) = parallel::clips(&sources, jobs, &work)? else { return Ok(None) };
+    let Some(cut) = on_clips::<_, Error>(&sources, jobs, &work)? else { return Ok(None) };
     let mut cut = cut.concat();
     cut.sort_by_key(|(place, _)| *place);
     Ok(Some(cut.into_iter().map(|c| c.1).filter(|strip| !strip.png.is_empty()).collect()))

@@ -2,6 +2,7 @@
 
 use super::contrast::contrast;
 use crate::shell::error::Error;
+use crate::shell::evaluate::EvaluateError;
 use crate::shell::evaluate::matching::{Found, WARMUP, must_be_found};
 use crate::shell::formats::clips::Clip;
 use crate::shell::formats::detections;
@@ -64,13 +65,13 @@ impl Method {
     /// Reads CLIP.txt of every clip; a clip without a file has no detections.
     ///
     /// # Errors
-    /// [`Error::Read`] when the folder is missing or holds nothing for these clips, [`Error::Text`] naming file and line.
+    /// [`FileError::Read`] when the folder is missing or holds nothing for these clips, [`FormatError::Line`] naming file and line.
     pub fn read(external: &External, clips: &[Clip]) -> Result<Self, Error> {
         let folder = &external.folder;
         readable(folder)?;
         let paths: Vec<PathBuf> = clips.iter().map(|clip| path_of(folder, clip)).collect();
         if !paths.iter().any(|path| path.exists()) {
-            return Err(Error::NoDetections { path: folder.clone() });
+            return Err(EvaluateError::NoDetections { path: folder.clone() }.into());
         }
         let read = |path: &PathBuf| {
             let mut found = if path.exists() { detections::read_mot(path)? } else { Vec::new() };
@@ -85,7 +86,7 @@ impl Method {
 /// Whether `folder` is a folder that can be read.
 ///
 /// # Errors
-/// [`Error::Read`].
+/// [`FileError::Read`].
 pub fn readable(folder: &Path) -> Result<(), Error> {
     fs::read_dir(folder).map(|_| ()).map_err(Error::read(folder))
 }

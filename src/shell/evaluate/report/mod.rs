@@ -9,6 +9,7 @@ mod facts;
 mod figures;
 mod gallery;
 mod html;
+mod matched;
 mod methods;
 mod plot;
 mod regressors;
@@ -19,8 +20,10 @@ pub use methods::{External, Seen, Watch, path_of, readable};
 use super::matching::{BIRD, Found, WARMUP};
 use crate::model::Model;
 use crate::shell::error::Error;
+use crate::shell::evaluate::EvaluateError;
 use crate::shell::formats::clips::Clip;
 use crate::shell::pipeline::DetectorArgs;
+use crate::shell::support::file_error::FileError;
 use crate::shell::support::interrupt::Ended;
 use breakdown::ClipTruth;
 use facts::Facts;
@@ -70,7 +73,7 @@ impl Plan {
         for external in &args.external {
             let method = Method::read(external, clips)?;
             if others.iter().any(|other| other.name == method.name) {
-                return Err(Error::SameName { name: method.name });
+                return Err(EvaluateError::SameName { name: method.name }.into());
             }
             others.push(method);
         }
@@ -83,7 +86,7 @@ impl Plan {
     /// each frame in milliseconds.
     ///
     /// # Errors
-    /// [`Error::SameName`].
+    /// [`EvaluateError::SameName`].
     pub fn add(
         &mut self,
         name: String,
@@ -91,7 +94,7 @@ impl Plan {
         times_ms: Vec<f64>,
     ) -> Result<(), Error> {
         if self.others.iter().any(|other| other.name == name) {
-            return Err(Error::SameName { name });
+            return Err(EvaluateError::SameName { name }.into());
         }
         let clips = clips.into_iter().map(|found| Detected { found, contrast: Vec::new() });
         self.others.push(Method { name, clips: clips.collect(), median_ms: median(times_ms) });
@@ -191,6 +194,6 @@ fn write(path: &Path, text: &str) -> Result<(), Error> {
     fs::write(path, text).map_err(|source| {
         // Half a page is of no use; the error that is told is the first one.
         let _ = fs::remove_file(path);
-        Error::Write { path: path.into(), source }
+        FileError::Write { path: path.into(), source }.into()
     })
 }

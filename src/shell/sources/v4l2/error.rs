@@ -143,3 +143,7 @@ fn advice(error: &io::Error) -> &'static str {
         _ => "",
     }
 }
+
+/// A buffer that does not hold a whole picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Damaged;

@@ -1,6 +1,7 @@
 //! From the pictures of a camera to full-range grey, as everywhere in Lookout.
 
 use super::PixelFormat;
+use super::error::Damaged;
 use super::mjpeg;
 use crate::shell::sources::{Frame, expand};
 
@@ -20,10 +21,6 @@ pub struct Layout {
     /// MJPEG and GREY.
     pub limited_range: bool,
 }
-
-/// A buffer that does not hold a whole picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Damaged;
 
 /// Turns buffers to frames.
 #[derive(Debug)]

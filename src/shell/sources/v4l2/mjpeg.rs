@@ -4,7 +4,7 @@
 //! form cannot be told from a good one by its bytes (the decoder's strict mode noticed 0 to 10 % of such damage, and
 //! refused good 4:4:4 pictures); the driver marks the buffer when it knows.
 
-use super::grey::Damaged;
+use super::error::Damaged;
 use std::vec::Vec;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;

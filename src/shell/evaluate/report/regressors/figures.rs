@@ -2,9 +2,9 @@
 
 use super::super::breakdown::{group_of, quartiles, range_names};
 use super::trials::{SEED, Trial, Vector, WAYS};
+use crate::channels::window::SLICES;
 use crate::shell::evaluate::matching::{self, SIZES};
 use crate::stcube::compensation::MAX_MOVES;
-use crate::stcube::cube::SLICES;
 use serde::Serialize;
 use std::borrow::ToOwned;
 use std::format;

@@ -4,18 +4,21 @@ use super::super::contrast::contrast;
 use super::flow::{Pictures, follow};
 use crate::channels::front_end::{FrontEnd, REACH as BACK};
 use crate::channels::scale_space::{Level, Pyramid};
+use crate::channels::window::Position;
+use crate::channels::window::{SLICES, WINDOW};
 use crate::image::gradient::CELL;
 use crate::model::Model;
 use crate::registration::Motion;
 use crate::shell::error::Error;
 use crate::shell::evaluate::matching::{must_be_found, rect};
 use crate::shell::formats::clips::{Clip, GroundTruth, TruthBox};
+use crate::shell::pipeline::on_clips;
 use crate::shell::pipeline::{DetectorArgs, Memory};
 use crate::shell::sources::{self, Frame};
+use crate::shell::support::interrupt;
 use crate::shell::support::random::Random;
-use crate::shell::support::{interrupt, parallel};
-use crate::stcube::compensation::{self, Position};
-use crate::stcube::cube::{Cube, SLICES, WINDOW};
+use crate::stcube::compensation::{self};
+use crate::stcube::cube::Cube;
 use std::collections::VecDeque;
 use std::format;
 use std::vec::Vec;
@@ -87,7 +90,7 @@ pub fn run(
         trials.iter_mut().for_each(|trial| trial.clip = index);
         Ok(trials)
     };
-    Ok(parallel::clips(clips, jobs, &work)?.map(|trials| trials.concat()))
+    Ok(on_clips::<_, Error>(clips, jobs, &work)?.map(|trials| trials.concat()))
 }
 
 /// The target in the frames of all slices, newest first; none unless it is wholly seen in each of them.

@@ -1,0 +1,31 @@
+//! A finding of the doctor, and how it counts.
+
+use std::string::String;
+
+/// How a finding counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mark {
+    /// As it should be.
+    Good,
+    /// Worth knowing.
+    Note,
+    /// Something is missing: the exit status says so.
+    Missing,
+}
+
+/// Something that was found, in words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Finding {
+    /// How it counts.
+    pub mark: Mark,
+    /// The words.
+    pub text: String,
+}
+
+pub fn good(text: String) -> Finding {
+    Finding { mark: Mark::Good, text }
+}
+
+pub fn note(text: String) -> Finding {
+    Finding { mark: Mark::Note, text }
+}

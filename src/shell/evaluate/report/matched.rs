@@ -1,0 +1,28 @@
+//! Detections of each method, matched to the ground truth of each clip.
+
+use super::breakdown::ClipTruth;
+use super::methods::Method;
+use crate::shell::evaluate::matching::{self, Judged, WARMUP};
+use crate::shell::formats::clips::Clip;
+use std::vec::Vec;
+
+/// Intersections over union by which detections are judged.
+pub const IOUS: [f64; 2] = [0.5, 0.3];
+
+/// The detections of a method, judged: by intersection over union and clip.
+pub type JudgedMethod = Vec<Vec<Judged>>;
+
+/// Judges a method's detections.
+pub fn judge_method(clips: &[Clip], method: &Method) -> JudgedMethod {
+    let judge = |iou| {
+        let clips = clips.iter().zip(&method.clips);
+        clips.map(|(c, d)| matching::judge(&c.ground_truth, &d.found, iou, WARMUP)).collect()
+    };
+    IOUS.map(judge).into()
+}
+
+/// Hours that the frames of a clip last. The scorer's count of frames ends with the last box, which a flight without a
+/// target may not have.
+pub fn hours(truth: &ClipTruth<'_>) -> f64 {
+    truth.frames as f64 / truth.facts.rate / 3600.0
+}

@@ -1,0 +1,31 @@
+//! What is wrong in a text file or camera file.
+
+use crate::shell::support::file_error::FileError;
+use std::path::PathBuf;
+use std::string::String;
+
+/// A file that cannot be read, or does not say what it should.
+#[derive(Debug, thiserror::Error)]
+pub enum FormatError {
+    /// The system refuses the file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A camera file or option that makes no camera.
+    #[error("{}: {reason}", path.display())]
+    Camera {
+        /// The file, or the options.
+        path: PathBuf,
+        /// The field, and what is expected.
+        reason: String,
+    },
+    /// A line of a text file that does not say what it should.
+    #[error("{} line {line}: {reason}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// The field, and what is expected.
+        reason: String,
+    },
+}

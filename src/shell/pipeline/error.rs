@@ -1,0 +1,80 @@
+//! Errors of running a model over frames.
+
+use super::methods::MethodName;
+use crate::detector;
+use crate::model::ModelError;
+use crate::shell::sources::SourceError;
+use crate::shell::support::file_error::FileError;
+use std::path::PathBuf;
+use std::string::String;
+
+/// Why a model cannot run over a source.
+#[derive(Debug, thiserror::Error)]
+pub enum PipelineError {
+    /// The system refuses a file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// Frames cannot be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// Bytes that are not a model of this version.
+    #[error("{}: {source}; leave --model out for the shipped one, or train one with `lookout train`", path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: ModelError,
+    },
+    /// No model of a method, or one of another method.
+    #[error("{}: {reason}; make it with `lookout train DATA... --method {method} --out {}`, or name its folder with --models", path.display(), path.display())]
+    MethodModel {
+        /// The method.
+        method: MethodName,
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A precision is asked for of a model that does not know what its scores are worth.
+    #[error(
+        "--min-precision {wanted:.3}: the model has no table of precisions; give --threshold, or measure one with `lookout train --calibrate`"
+    )]
+    NotCalibrated {
+        /// What was asked for.
+        wanted: f64,
+    },
+    /// A precision is asked for that the model does not reach.
+    #[error(
+        "--min-precision {wanted:.3}: no score of this model reached more than {best:.3}; ask for less, or give --threshold"
+    )]
+    Precision {
+        /// What was asked for.
+        wanted: f64,
+        /// The best that was measured.
+        best: f64,
+    },
+    /// A source that holds no frame at all.
+    #[error("{input}: no frames in it; give a folder of pictures, a .y4m or a video with frames")]
+    NoFrames {
+        /// The input as the user named it.
+        input: String,
+    },
+    /// The detector refuses its configuration or a frame.
+    #[error("{input}, frame {frame}: {source}")]
+    Detector {
+        /// The input as the user named it.
+        input: String,
+        /// The frame, from 1.
+        frame: u64,
+        /// Its reason.
+        source: detector::Error,
+    },
+    /// Threads cannot be started.
+    #[error("cannot start {threads} threads: {reason}; try a smaller --threads")]
+    Threads {
+        /// How many were asked for.
+        threads: usize,
+        /// The system's reason.
+        reason: String,
+    },
+}
