@@ -8,7 +8,7 @@ mod video;
 mod y4m;
 
 pub use folder::Folder;
-use folder::is_picture;
+pub(crate) use folder::is_picture;
 use std::fs;
 pub use video::Video;
 pub use y4m::Y4m;
