@@ -90,7 +90,7 @@
 //! | 0 | [`linear`] | small systems of linear equations in integers |
 #![no_std]
 
-#[cfg(any(test, feature = "std"))]
+#[cfg(any(test, feature = "simd"))]
 extern crate std;
 
 pub mod boxes;

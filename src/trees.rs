@@ -164,6 +164,8 @@ pub struct Forest<'m> {
     features: u16,
     bias: i32,
     trees: &'m [u8],
+    /// Whether bias, sums after any number of trees and reject thresholds fit `i16`.
+    narrow: bool,
 }
 
 impl<'m> Forest<'m> {
@@ -196,7 +198,8 @@ impl<'m> Forest<'m> {
             let needed = HEADER + usize::from(trees) * (6 << depth);
             return Err(ForestError::TooShort { needed, given: bytes.len() });
         };
-        let forest = Self { depth, features, bias, trees };
+        let mut forest = Self { depth, features, bias, trees, narrow: false };
+        forest.narrow = forest.is_narrow();
         for (tree, view) in forest.trees().enumerate() {
             for (node, Node { feature, .. }) in view.nodes().enumerate() {
                 if feature >= features {
@@ -205,6 +208,24 @@ impl<'m> Forest<'m> {
             }
         }
         Ok((forest, rest))
+    }
+
+    /// Whether the score stays within `i16` whatever leaves are reached, and no window is rejected for being below more
+    /// than that.
+    fn is_narrow(&self) -> bool {
+        let (mut least, mut most) = (i64::from(self.bias), i64::from(self.bias));
+        let fits = |sum: i64| i16::try_from(sum).is_ok();
+        fits(least)
+            && self.trees().all(|tree| {
+                least += i64::from(tree.leaves().min().unwrap_or(0));
+                most += i64::from(tree.leaves().max().unwrap_or(0));
+                fits(least) && fits(most) && tree.reject_threshold() <= i32::from(i16::MAX)
+            })
+    }
+
+    /// Whether scores after any number of trees fit `i16`, and no reject threshold is above that.
+    pub fn fits_i16(&self) -> bool {
+        self.narrow
     }
 
     /// Steps from a root to a leaf, 1 to [`MAX_DEPTH`].
@@ -238,8 +259,19 @@ impl<'m> Forest<'m> {
     ///
     /// The soft cascade of Bourdev and Brandt, CVPR 2005.
     #[inline]
-    pub fn cascade(&self, mut test: impl FnMut(u16, u16) -> bool) -> Option<i32> {
-        self.trees().try_fold(self.bias, |score, tree| {
+    pub fn cascade(&self, test: impl FnMut(u16, u16) -> bool) -> Option<i32> {
+        self.cascade_from(0, self.bias, test)
+    }
+
+    /// As [`Forest::cascade`], from tree `first` on, before which the score is `score`.
+    #[inline]
+    pub fn cascade_from(
+        &self,
+        first: usize,
+        score: i32,
+        mut test: impl FnMut(u16, u16) -> bool,
+    ) -> Option<i32> {
+        self.trees().skip(first).try_fold(score, |score, tree| {
             let score = score + i32::from(tree.leaf(&mut test));
             (score >= tree.reject_threshold()).then_some(score)
         })

@@ -209,6 +209,8 @@ impl FrontEnd {
             let kinds = [Picture::Far, Picture::Near, Picture::Plain];
             if self.parts.temporal && self.seen > 1 {
                 let octave = geometry.history().octave();
+                // A half history is for processors with one core.
+                let parallel = geometry.history() == History::Full;
                 let older = |age| match geometry.history() {
                     History::Full => {
                         let pixels = at(frames, self.width * self.height, self.frames.place(age));
@@ -224,18 +226,12 @@ impl FrontEnd {
                 let warped = &mut scratch[..newest.width() * newest.height()];
                 for (lag, kind) in geometry.history().lags().into_iter().zip(kinds) {
                     let age = self.seen(lag);
-                    warp::warp(older(age), newest, octave, &self.motions[..age], warped);
+                    warp::warp(older(age), newest, octave, &self.motions[..age], parallel, warped);
                     let out = &mut levels[geometry.place(0, kind, slot)];
-                    warp::temporal_difference(newest, warped, out);
+                    warp::temporal_difference(newest, warped, parallel, out);
                 }
                 let plain = &mut levels[geometry.place(0, Picture::Plain, slot)];
-                let rows = plain.chunks_exact_mut(newest.width()).enumerate();
-                for (y, out) in rows {
-                    let warped = &warped[y * newest.width()..];
-                    for ((out, a), b) in out.iter_mut().zip(newest.row(y)).zip(warped) {
-                        *out = a.abs_diff(*b);
-                    }
-                }
+                warp::plain_difference(newest, warped, parallel, plain);
             } else {
                 for kind in kinds {
                     levels[geometry.place(0, kind, slot)].fill(0);

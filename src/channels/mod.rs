@@ -11,6 +11,7 @@ pub mod window;
 
 use crate::image::Image;
 use crate::image::gradient::{CELL, CellRow, ORIENTATIONS};
+use crate::image::gradient_block::{self, SIDE, pairs};
 
 /// Difference images beside the grey one: tolerant to a frame far back, tolerant and plain to that of the oldest slice.
 pub const DIFFERENCES: usize = 3;
@@ -58,10 +59,19 @@ impl<'a> Difference<'a> {
     }
 }
 
-impl DifferenceRow<'_> {
+impl<'a> DifferenceRow<'a> {
+    /// The row without its first cells.
+    #[inline(always)]
+    fn from(&self, first: usize) -> DifferenceRow<'a> {
+        match self {
+            Self::Pixels(row) => DifferenceRow::Pixels(row.from(first)),
+            Self::Cells(row) => DifferenceRow::Cells(row.get(first..).unwrap_or(&[])),
+        }
+    }
+
     /// The mean over cell `x` in quarters of a grey level, at most 255: the sum of its four pixels. 0 beyond a halved
     /// picture, which may lack the last column and row.
-    #[inline(always)]
+    #[cfg(test)]
     fn quarters(&self, x: usize) -> u8 {
         match self {
             Self::Pixels(row) => row.sum(x).min(255) as u8,
@@ -69,37 +79,38 @@ impl DifferenceRow<'_> {
         }
     }
 
-    /// Writes [`DifferenceRow::quarters`] of the first cells into a channel that is 0.
-    fn fill(&self, cells: &mut [Cell], channel: usize) {
+    /// Writes [`DifferenceRow::quarters`] of the first cells.
+    #[inline(always)]
+    fn fill(&self, out: &mut [u8]) {
         match self {
-            Self::Pixels(_) => {
-                for (x, cell) in cells.iter_mut().enumerate() {
-                    cell[channel] = self.quarters(x);
-                }
-            }
+            Self::Pixels(row) => row.fill_quarters(out),
             Self::Cells(row) => {
-                for (cell, &mean) in cells.iter_mut().zip(*row) {
-                    cell[channel] = quarters(mean);
+                out.fill(0);
+                for (out, &mean) in out.iter_mut().zip(*row) {
+                    *out = quarters(mean);
                 }
             }
         }
     }
 
-    /// Adds `quarters` of each run of `length` cells to the next of `sums`.
-    pub fn sum_runs<'s>(&self, length: usize, sums: impl Iterator<Item = &'s mut u16>) {
-        match self {
-            Self::Pixels(_) => {
-                for (n, sum) in sums.enumerate() {
-                    *sum += (n * length..(n + 1) * length)
-                        .map(|x| u16::from(self.quarters(x)))
-                        .sum::<u16>();
-                }
-            }
-            Self::Cells(row) => {
-                for (sum, run) in sums.zip(row.chunks(length)) {
-                    *sum += run.iter().map(|&mean| u16::from(quarters(mean))).sum::<u16>();
-                }
-            }
+    /// Adds `quarters` of each run of [`RUN`] cells to the next of `sums`. Panics if there are fewer cells.
+    pub fn sum_runs(&self, sums: &mut [u16]) {
+        sum_runs(self, sums);
+    }
+}
+
+/// Cells of a run of [`DifferenceRow::sum_runs`].
+pub const RUN: usize = 8;
+
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn sum_runs(row: &DifferenceRow<'_>, sums: &mut [u16]) {
+    let mut block = [[0; RUN]; 16];
+    let (length, mut first) = (block.len(), 0);
+    for sums in sums.chunks_mut(length) {
+        row.from(first).fill(block[..sums.len()].as_flattened_mut());
+        first += length * RUN;
+        for (sum, run) in sums.iter_mut().zip(&block) {
+            *sum += run.iter().map(|&quarters| u16::from(quarters)).sum::<u16>();
         }
     }
 }
@@ -128,11 +139,106 @@ pub struct Newest<'a> {
     pub far: Difference<'a>,
     /// Plain difference to the frame a few before.
     pub plain: Difference<'a>,
-    /// Whether its [`Cell`]s have orientations.
+    /// Whether its cells have orientations.
     pub oriented: bool,
 }
 
-/// The cells of a square whose upper left one is at (left, top); those outside a level of such a size are 0.
+/// Whether a square whose upper left cell is at (x, y) has cells of a level of such a size.
+fn near(size: (usize, usize), x: i32, y: i32) -> bool {
+    let meets = |first: i32, length: usize| {
+        first > -(SIDE as i32) && usize::try_from(first).unwrap_or(0) < length
+    };
+    meets(x, size.0) && meets(y, size.1)
+}
+
+/// Cells of a square, channel by channel, in room for a few more.
+type Planes = [[u8; 128]; CHANNELS];
+
+/// The cells of a square at (x, y); those outside a level of such a size are 0.
+#[inline(always)]
+fn cells_of(planes: &Planes, size: (usize, usize), x: i32, y: i32) -> Square<SIDE> {
+    let mut cells = [[[0; CHANNELS]; SIDE]; SIDE];
+    let inside = |first: i32, length: usize| {
+        let start = usize::try_from(-first).unwrap_or(0).min(SIDE);
+        let end = usize::try_from(length as i32 - first).unwrap_or(0).min(SIDE);
+        start..end.max(start)
+    };
+    let (columns, rows) = (inside(x, size.0), inside(y, size.1));
+    for j in rows {
+        for i in columns.clone() {
+            cells[j][i] = core::array::from_fn(|channel| planes[channel][(j * SIDE + i) % 128]);
+        }
+    }
+    cells
+}
+
+/// Means of a difference over the cells of a square at (x, y), in quarters, at most 255.
+#[inline(always)]
+fn quarters_of(difference: &Difference<'_>, x: i32, y: i32) -> [u8; 128] {
+    let mut out = [0; 128];
+    let picture = &difference.picture;
+    if picture.width() == 0 || picture.height() == 0 {
+        return out;
+    }
+    if difference.halved {
+        for j in 0..SIDE {
+            let row = y + j as i32;
+            let Some(row) = usize::try_from(row).ok().filter(|&row| row < picture.height()) else {
+                continue;
+            };
+            let row = picture.row(row);
+            for i in 0..SIDE {
+                let mean = usize::try_from(x + i as i32).ok().and_then(|x| row.get(x));
+                out[j * SIDE + i] = mean.map_or(0, |&mean| quarters(mean));
+            }
+        }
+        return out;
+    }
+    sums_of(picture, x, y, |sum| sum.min(255) as u8)
+}
+
+/// A function of the sum of the pixels of each cell of a square at (x, y).
+#[inline(always)]
+fn sums_of(picture: &Image<'_>, x: i32, y: i32, value: impl Fn(u16) -> u8) -> [u8; 128] {
+    let mut words = [[0u16; 128]; CELL];
+    for j in 0..SIDE {
+        for (k, words) in words.iter_mut().enumerate() {
+            let y = CELL as i32 * (y + j as i32) + k as i32;
+            let row: [u16; SIDE] = pairs(picture, CELL as i32 * x, y);
+            words[j * SIDE..(j + 1) * SIDE].copy_from_slice(&row);
+        }
+    }
+    let [upper, lower] = &words;
+    let mut out = [0; 128];
+    for ((out, upper), lower) in out.iter_mut().zip(upper).zip(lower) {
+        *out = value((upper & 255) + (upper >> 8) + (lower & 255) + (lower >> 8));
+    }
+    out
+}
+
+/// [`Slice::square`] of a square that has cells of the level.
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn square_at_once(slice: &Slice<'_>, x: i32, y: i32) -> Square<SIDE> {
+    let mut planes = gradient_block::square(&slice.grey, x, y);
+    planes[TEMPORAL] = quarters_of(&slice.near, x, y);
+    cells_of(&planes, slice.cells(), x, y)
+}
+
+/// [`Newest::square`] of a square that has cells of the level.
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn newest_at_once(newest: &Newest<'_>, x: i32, y: i32) -> Square<SIDE> {
+    let mut planes = [[0; 128]; CHANNELS];
+    planes[0] = sums_of(&newest.slice.grey, x, y, |sum| ((sum + 2) >> 2) as u8);
+    for (plane, difference) in
+        planes[1..].iter_mut().zip([&newest.far, &newest.slice.near, &newest.plain])
+    {
+        *plane = quarters_of(difference, x, y);
+    }
+    cells_of(&planes, newest.slice.cells(), x, y)
+}
+
+/// The cells of a square whose upper left one is at (left, top), one after the other; those outside a level of such a size are 0.
+#[cfg(test)]
 fn square<const N: usize, R>(
     size: (usize, usize),
     (left, top): (i32, i32),
@@ -153,6 +259,7 @@ fn square<const N: usize, R>(
 }
 
 /// `first + i`, unless it is negative.
+#[cfg(test)]
 fn place(first: i32, i: usize) -> Option<usize> {
     usize::try_from(first.saturating_add(i as i32)).ok()
 }
@@ -165,7 +272,16 @@ impl<'a> Slice<'a> {
 
     /// Energies, magnitude and temporal difference of the cells of a square whose upper left one is at (x, y). Cells
     /// outside the picture are 0.
-    pub fn square<const N: usize>(&self, x: i32, y: i32) -> Square<N> {
+    pub fn square(&self, x: i32, y: i32) -> Square<SIDE> {
+        match near(self.cells(), x, y) {
+            true => square_at_once(self, x, y),
+            false => [[[0; CHANNELS]; SIDE]; SIDE],
+        }
+    }
+
+    /// As [`Slice::square`], cell by cell.
+    #[cfg(test)]
+    pub(crate) fn square_naive<const N: usize>(&self, x: i32, y: i32) -> Square<N> {
         let row = |y| (CellRow::new(&self.grey, y), self.near.row(y));
         square(self.cells(), (x, y), row, |(grey, near), x| {
             let [a, b, c, d, e, f, magnitude] = grey.cell(x).energies();
@@ -177,7 +293,16 @@ impl<'a> Slice<'a> {
 impl Newest<'_> {
     /// Intensity, the differences in quarters of a grey level (at most 255) and zeros: of the cells of a square, as
     /// [`Slice::square`].
-    pub fn square<const N: usize>(&self, x: i32, y: i32) -> Square<N> {
+    pub fn square(&self, x: i32, y: i32) -> Square<SIDE> {
+        match near(self.slice.cells(), x, y) {
+            true => newest_at_once(self, x, y),
+            false => [[[0; CHANNELS]; SIDE]; SIDE],
+        }
+    }
+
+    /// As [`Newest::square`], cell by cell.
+    #[cfg(test)]
+    pub(crate) fn square_naive<const N: usize>(&self, x: i32, y: i32) -> Square<N> {
         square(self.slice.cells(), (x, y), |y| self.row(y), |row, x| row.second(x))
     }
 
@@ -192,9 +317,9 @@ impl Newest<'_> {
 }
 
 /// Channels of the newest frame: energies (0 where it has no orientations), magnitude, grey, differences.
-pub type Cell = [u8; ORIENTATIONS + 2 + DIFFERENCES];
+pub const CELL_CHANNELS: usize = ORIENTATIONS + 2 + DIFFERENCES;
 
-/// Where the grey level of a [`Cell`] is, and behind it the differences.
+/// Which of them is the grey level; behind it are the differences.
 pub const GREY: usize = MAGNITUDE + 1;
 
 /// A row of cells of the newest frame.
@@ -208,31 +333,27 @@ pub struct NewestRow<'a> {
 
 impl NewestRow<'_> {
     /// Intensity, the differences and zeros.
-    #[inline(always)]
+    #[cfg(test)]
     fn second(&self, x: usize) -> [u8; CHANNELS] {
         let [far, near, plain] = &self.differences;
         let grey = self.grey.cell(x).grey();
         [grey, far.quarters(x), near.quarters(x), plain.quarters(x), 0, 0, 0, 0]
     }
 
-    /// Writes the channels of the first cells. Panics if there are not so many.
-    // Channel by channel: on a microcontroller all rows at once do not fit into registers.
-    pub fn fill(&self, cells: &mut [Cell]) {
-        let pixels = cells.iter_mut().enumerate().map(|(x, cell)| (cell, self.grey.cell(x)));
-        if self.oriented {
-            for (cell, pixels) in pixels {
-                let [a, b, c, d, e, f, magnitude] = pixels.energies();
-                *cell = [a, b, c, d, e, f, magnitude, pixels.grey(), 0, 0, 0];
-            }
-        } else {
-            for (cell, pixels) in pixels {
-                *cell = [0, 0, 0, 0, 0, 0, pixels.magnitude(), pixels.grey(), 0, 0, 0];
-            }
-        }
-        for (difference, channel) in self.differences.iter().zip(GREY + 1..) {
-            difference.fill(cells, channel);
+    /// Writes the channels of the first `columns` cells, a plane after the other. Panics if there are fewer cells, or
+    /// fewer than [`CELL_CHANNELS`] times as many bytes.
+    pub fn fill(&self, columns: usize, planes: &mut [u8]) {
+        self.grey.fill(columns, self.oriented, planes);
+        let planes = planes.chunks_exact_mut(columns).skip(GREY + 1);
+        for (difference, plane) in self.differences.iter().zip(planes) {
+            fill_difference(difference, plane);
         }
     }
+}
+
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn fill_difference(row: &DifferenceRow<'_>, out: &mut [u8]) {
+    row.fill(out);
 }
 
 #[cfg(test)]
@@ -287,12 +408,15 @@ pub(crate) mod tests {
     }
 
     /// The channels of all cells, row by row.
-    pub(crate) fn cells(newest: &Newest<'_>) -> Vec<Cell> {
+    pub(crate) fn cells(newest: &Newest<'_>) -> Vec<[u8; CELL_CHANNELS]> {
         let (columns, rows) = newest.slice.cells();
-        let mut cells = vec![[7; 11]; columns * rows];
-        let each = cells.chunks_exact_mut(columns).enumerate();
-        each.for_each(|(y, cells)| newest.row(y).fill(cells));
-        cells
+        let mut planes = vec![7; CELL_CHANNELS * columns];
+        let mut row = |y| {
+            newest.row(y).fill(columns, &mut planes);
+            let cell = |x| core::array::from_fn(|channel| planes[channel * columns + x]);
+            (0..columns).map(cell).collect::<Vec<_>>()
+        };
+        (0..rows).flat_map(&mut row).collect()
     }
 
     prop_compose! {
@@ -315,8 +439,10 @@ pub(crate) mod tests {
             let newest = level.newest();
             let (columns, rows) = newest.slice.cells();
             let cells = cells(&newest);
-            let first: Square<11> = newest.slice.square(x, y);
-            let second: Square<11> = newest.square(x, y);
+            let first = newest.slice.square(x, y);
+            let second = newest.square(x, y);
+            prop_assert_eq!(first, newest.slice.square_naive(x, y));
+            prop_assert_eq!(second, newest.square_naive(x, y));
             for (j, (first, second)) in first.iter().zip(&second).enumerate() {
                 for (i, (first, second)) in first.iter().zip(second).enumerate() {
                     let (cx, cy) = (x + i as i32, y + j as i32);

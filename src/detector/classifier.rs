@@ -15,6 +15,7 @@ use crate::scan::cascade::Candidate;
 use crate::scan::window;
 use crate::stcube::compensation::{self, Alignment, Path};
 use crate::stcube::cube::{Cube, SCALARS};
+use crate::stcube::spans::{Ready, Spans};
 use crate::stcube::window_flow;
 use core::cmp::Reverse;
 use fixed::types::I28F4;
@@ -70,7 +71,9 @@ impl Judge<'_> {
     #[inline(never)]
     pub fn candidate(&self, candidate: &Candidate, cube: &mut Cube) -> Option<Judged> {
         let path = self.cut(candidate, window(candidate), cube);
-        let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
+        let mut spans = Spans::EMPTY;
+        let cube = &spans.ready(cube);
+        let test = |feature, threshold| self.test(feature, threshold, cube);
         let score = if self.stcube { self.model.cube().cascade(test)? } else { candidate.score };
         let detection = self.detection(candidate, &path, cube, score);
         Some(Judged { candidate: *candidate, detection })
@@ -138,9 +141,17 @@ impl Judge<'_> {
         let at = Position::centred(centre(rect), self.pyramid.levels()[level].scale);
         let candidate = Candidate { level: level as u8, ..*candidate };
         let path = self.cut(&candidate, at, cube);
-        let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
+        let mut spans = Spans::EMPTY;
+        let cube = &spans.ready(cube);
+        let test = |feature, threshold| self.test(feature, threshold, cube);
         let score = if self.stcube { self.model.cube().score(test) } else { candidate.score };
         self.detection(&candidate, &path, cube, score)
+    }
+
+    /// Whether a feature of a cube is above a threshold.
+    #[inline]
+    fn test(&self, feature: u16, threshold: u16, cube: &Ready<'_>) -> bool {
+        cube.exceeds(self.model.features(), feature, threshold)
     }
 
     /// Cuts the cube of a candidate from the window at `start` of its level: Algorithm 1, and what is known beside the
@@ -162,9 +173,15 @@ impl Judge<'_> {
     }
 
     /// The detection of a cube at the end of `path`; `score` in Q8.
-    fn detection(&self, candidate: &Candidate, path: &Path, cube: &Cube, score: i32) -> Detection {
+    fn detection(
+        &self,
+        candidate: &Candidate,
+        path: &Path,
+        cube: &Ready<'_>,
+        score: i32,
+    ) -> Detection {
         let level = &self.pyramid.levels()[usize::from(candidate.level)];
-        let test = |feature, threshold| self.model.features().exceeds(feature, threshold, cube);
+        let test = |feature, threshold| self.test(feature, threshold, cube);
         let [x, y, width, height] = self.model.boxes().each_ref().map(|forest| forest.score(test));
         // Q8 cells to Q8 pixels of the frame. A centre farther than a window away is none of this window's.
         let pixels = |cells: i32| {

@@ -9,6 +9,7 @@ use crate::channels::front_end::{FrontEnd, Parts};
 use crate::channels::scale_space::Geometry;
 use crate::image::nms;
 use crate::image::{Image, Rect};
+use crate::math::threads;
 use crate::model::{Method, Model};
 use crate::registration::global_motion::Motion;
 use crate::scan::cascade::Candidate;
@@ -28,6 +29,9 @@ pub const MAX_DETECTIONS: usize = 64;
 
 /// Most detections of a frame that are looked at again, the surest ones, with a full history and with a half one.
 const MAX_REFINED: [usize; 2] = [10, 3];
+
+/// Candidates that one thread judges at a time.
+const PIECE: usize = 4;
 
 /// Overlap (IoU, Q8) above which the weaker of two detections goes.
 const DETECTION_OVERLAP: u8 = 64;
@@ -337,14 +341,24 @@ fn decide(
     observer: &mut dyn FnMut(Stage),
 ) {
     let mut found: heapless::Vec<Judged, MAX_CANDIDATES> = heapless::Vec::new();
-    let mut cube = Cube::EMPTY;
     for candidate in candidates {
         let level = &judge.pyramid.levels()[usize::from(candidate.level)];
         // As much room as there are candidates, here and below.
         let _ = detections.proposals.push(level.nominal_box(window(candidate)));
-        if let Some(judged) = judge.candidate(candidate, &mut cube) {
-            let _ = found.push(judged);
-        }
+    }
+    let parallel = config.parallel && threads::several();
+    let mut cube = Cube::EMPTY;
+    if parallel {
+        let mut judged = [None; MAX_CANDIDATES];
+        threads::pieces(&mut judged[..candidates.len()], PIECE, true, |number, judged| {
+            let mut cube = Cube::EMPTY;
+            for (judged, candidate) in judged.iter_mut().zip(&candidates[number * PIECE..]) {
+                *judged = judge.candidate(candidate, &mut cube);
+            }
+        });
+        found.extend(judged.into_iter().flatten());
+    } else {
+        found.extend(candidates.iter().filter_map(|c| judge.candidate(c, &mut cube)));
     }
     found.sort_unstable_by_key(Judged::rank);
     let suppress = |found: &mut [Judged]| {
@@ -354,8 +368,14 @@ fn decide(
     found.truncate(length);
     detections.dropped += dropped;
     observer(Stage::Cubes);
-    for judged in found.iter_mut().take(MAX_REFINED[config.history as usize]) {
-        judge.refine(judged, &mut cube);
+    let refined = MAX_REFINED[config.history as usize].min(found.len());
+    if parallel {
+        threads::pieces(&mut found[..refined], 1, true, |_, judged| {
+            let mut cube = Cube::EMPTY;
+            judged.iter_mut().for_each(|judged| judge.refine(judged, &mut cube));
+        });
+    } else {
+        found[..refined].iter_mut().for_each(|judged| judge.refine(judged, &mut cube));
     }
     if config.persistence {
         for Judged { detection, .. } in &mut found {

@@ -16,7 +16,7 @@ pub const CELL: usize = 2;
 pub type Energies = [u8; ORIENTATIONS + 1];
 
 /// Q8 thirds of a right angle to one of |gx| + |gy|, rounded down; the entry of 0 is 0.
-static THIRDS: [u32; 512] = {
+pub(super) static THIRDS: [u32; 512] = {
     let mut table = [0; 512];
     let mut i = 1;
     while i < 512 {
@@ -68,9 +68,9 @@ fn add((gx, gy): Gradient, bins: &mut Bins) -> u32 {
 /// The rows of pixels that one row of cells needs.
 #[derive(Debug, Clone, Copy)]
 pub struct CellRow<'a> {
-    above: &'a [u8],
-    rows: [&'a [u8]; CELL],
-    below: &'a [u8],
+    pub(super) above: &'a [u8],
+    pub(super) rows: [&'a [u8]; CELL],
+    pub(super) below: &'a [u8],
 }
 
 impl<'a> CellRow<'a> {
@@ -107,6 +107,25 @@ impl<'a> CellRow<'a> {
             }
         };
         CellPixels { above: pair(self.above), rows: self.rows.map(wide), below: pair(self.below) }
+    }
+
+    /// The pixels of the row itself from cell `first` on, without those around it.
+    #[inline(always)]
+    pub fn from(&self, first: usize) -> Self {
+        let rows = self.rows.map(|row| row.get(CELL * first..).unwrap_or(&[]));
+        Self { rows, ..*self }
+    }
+
+    /// [`CellRow::sum`] of the first cells, at most 255. Panics if there are not so many.
+    #[inline(always)]
+    pub fn fill_quarters(&self, out: &mut [u8]) {
+        let pairs = |row: &'a [u8]| &row.as_chunks::<CELL>().0[..out.len()];
+        let (upper, lower) = (pairs(self.rows[0]), pairs(self.rows[1]));
+        for ((out, upper), lower) in out.iter_mut().zip(upper).zip(lower) {
+            let (upper, lower) = (u16::from_le_bytes(*upper), u16::from_le_bytes(*lower));
+            let sum = (upper & 255) + (upper >> 8) + (lower & 255) + (lower >> 8);
+            *out = sum.min(255) as u8;
+        }
     }
 
     /// Sum of the cell's four pixels. Panics if the cell is not within the row.

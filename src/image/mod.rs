@@ -4,6 +4,7 @@
 //! centre of pixel (i, j) is at (i + 1/2, j + 1/2).
 
 pub mod gradient;
+pub mod gradient_block;
 pub mod nms;
 pub mod pyramid;
 

@@ -1,9 +1,13 @@
 //! Smaller copies of a picture (level 1).
 
 use crate::image::Image;
+use crate::math::threads;
 
 /// Columns blended at a time by [`resize`]: a strip on the stack, so that no caller's buffer is needed.
 const STRIP: usize = 256;
+
+/// Rows that one thread samples at a time in [`resize`].
+const BAND: usize = 64;
 
 /// Halves `src` in both directions, each pixel the rounded mean of four; an odd last column or row is left out.
 /// Returns the size of the picture written row by row to `dst`.
@@ -16,14 +20,21 @@ pub fn halve(src: Image<'_>, dst: &mut [u8]) -> (usize, usize) {
         return (width, height);
     }
     for (y, out) in dst[..width * height].chunks_exact_mut(width).enumerate() {
-        let upper = src.row(2 * y).chunks_exact(2);
-        let lower = src.row(2 * y + 1).chunks_exact(2);
-        for ((out, a), b) in out.iter_mut().zip(upper).zip(lower) {
-            let sum = u16::from(a[0]) + u16::from(a[1]) + u16::from(b[0]) + u16::from(b[1]);
-            *out = ((sum + 2) >> 2) as u8;
-        }
+        halve_rows(src.row(2 * y), src.row(2 * y + 1), out);
     }
     (width, height)
+}
+
+/// One row of [`halve`].
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn halve_rows(upper: &[u8], lower: &[u8], out: &mut [u8]) {
+    // Pairs as one number each, so that vector instructions add them without sorting bytes first.
+    let (upper, lower) = (upper.as_chunks::<2>().0, lower.as_chunks::<2>().0);
+    for ((out, upper), lower) in out.iter_mut().zip(upper).zip(lower) {
+        let (upper, lower) = (u16::from_le_bytes(*upper), u16::from_le_bytes(*lower));
+        let sum = (upper & 255) + (upper >> 8) + (lower & 255) + (lower >> 8);
+        *out = ((sum + 2) >> 2) as u8;
+    }
 }
 
 /// Pixels along a side of `length` pixels after [`resize`] by `step` (Q16): `floor(length * 65536 / step)`.
@@ -50,33 +61,75 @@ pub fn resize(src: Image<'_>, steps: (u32, u32), dst: &mut [u8]) -> (usize, usiz
         }
         return (width, height);
     }
-    let (last_x, last_y) = (src.width() - 1, src.height() - 1);
-    let mut strip = [0u16; STRIP];
-    for (y, out) in dst[..width * height].chunks_exact_mut(width).enumerate() {
-        let (y0, wy) = sample(y, step_y, last_y);
-        let (upper, lower) = (src.row(y0), src.row((y0 + 1).min(last_y)));
-        let mut x = 0;
-        while x < width {
-            let first = sample(x, step_x, last_x).0;
-            let end = (first + STRIP).min(src.width());
-            let rows = upper[first..end].iter().zip(&lower[first..end]);
-            for (blend, (&a, &b)) in strip.iter_mut().zip(rows) {
-                *blend = u16::from(a) * (256 - wy) + u16::from(b) * wy;
+    let last_y = src.height() - 1;
+    threads::pieces(&mut dst[..width * height], BAND * width, true, |number, dst| {
+        let mut left = 0;
+        while left < width {
+            let columns = Columns::new(left, width, step_x, src.width());
+            for (y, out) in (number * BAND..).zip(dst.chunks_exact_mut(width)) {
+                let (y0, weight) = sample(y, step_y, last_y);
+                let rows = [y0, (y0 + 1).min(last_y)].map(|y| &src.row(y)[columns.source.clone()]);
+                columns.blend(rows, weight, &mut out[left..left + columns.count]);
             }
-            while x < width {
-                let (x0, wx) = sample(x, step_x, last_x);
-                let x1 = (x0 + 1).min(last_x);
-                if x1 >= end {
-                    break;
-                }
-                let (a, b) = (u32::from(strip[x0 - first]), u32::from(strip[x1 - first]));
-                let wx = u32::from(wx);
-                out[x] = ((a * (256 - wx) + b * wx + (1 << 15)) >> 16) as u8;
-                x += 1;
-            }
+            left += columns.count;
         }
-    }
+    });
     (width, height)
+}
+
+/// Columns of a resized picture, as many as can be sampled from [`STRIP`] columns of the source.
+struct Columns {
+    /// Columns of the source from which they are sampled.
+    source: core::ops::Range<usize>,
+    count: usize,
+    /// Of each column its left neighbour, counted from the first one of the source.
+    places: [u8; STRIP],
+    /// Weight of the right neighbour, Q8.
+    weights: [u16; STRIP],
+}
+
+impl Columns {
+    /// Columns from `left` on, of `width`, of a source of `length` columns.
+    fn new(left: usize, width: usize, step: u32, length: usize) -> Self {
+        let first = sample(left, step, length - 1).0;
+        let source = first..(first + STRIP).min(length);
+        let mut columns = Self { source, count: 0, places: [0; STRIP], weights: [0; STRIP] };
+        for x in left..width.min(left + STRIP) {
+            let (place, weight) = sample(x, step, length - 1);
+            if (place + 1).min(length - 1) >= columns.source.end {
+                break;
+            }
+            columns.places[columns.count] = (place - first) as u8;
+            columns.weights[columns.count] = weight;
+            columns.count += 1;
+        }
+        columns
+    }
+
+    /// Samples one row between two rows of the source, `weight` (Q8) the lower one's.
+    fn blend(&self, [upper, lower]: [&[u8]; 2], weight: u16, out: &mut [u8]) {
+        blend_row(self, upper, lower, weight, out);
+    }
+}
+
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn blend_row(columns: &Columns, upper: &[u8], lower: &[u8], weight: u16, out: &mut [u8]) {
+    // One more, so that every column has a neighbour; the weight of what is beyond the picture is 0.
+    let mut strip = [0u16; STRIP + 1];
+    for ((blend, &a), &b) in strip.iter_mut().zip(upper).zip(lower) {
+        *blend = u16::from(a) * (256 - weight) + u16::from(b) * weight;
+    }
+    // Neighbours are looked up first, which no vector instruction does.
+    let mut pairs = [[0u16; 2]; STRIP];
+    let count = out.len().min(STRIP);
+    for (pair, &place) in pairs[..count].iter_mut().zip(&columns.places) {
+        let place = usize::from(place);
+        *pair = [strip[place], strip[place + 1]];
+    }
+    for ((out, &[a, b]), &weight) in out.iter_mut().zip(&pairs).zip(&columns.weights) {
+        let (a, b, weight) = (u32::from(a), u32::from(b), u32::from(weight));
+        *out = ((a * (256 - weight) + b * weight + (1 << 15)) >> 16) as u8;
+    }
 }
 
 /// Left (upper) neighbour of output pixel `i` and the weight of the right (lower) one, Q8 below 256.

@@ -6,3 +6,4 @@ pub mod fixed;
 pub mod kalman;
 pub mod linear;
 pub mod real;
+pub mod threads;

@@ -91,40 +91,42 @@ fn strongest(image: Image<'_>, (x, y): (usize, usize), best: &mut Corner) {
 
 /// Corner response of the block at (x, y): determinant less a sixteenth of the squared trace of the gradient matrix
 /// summed over 3x3 pixels.
-#[inline(never)]
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
 fn responses(image: Image<'_>, x: usize, y: usize) -> [[i32; BLOCK]; BLOCK] {
-    const N: usize = BLOCK + 2;
-    let mut sums = [[[0i16; BLOCK]; BLOCK]; 3];
-    for j in 0..N {
-        let row = |k: usize| &image.row(y + j + k - 2)[x - 2..x + BLOCK + 2];
+    // The block with one pixel more on every side, and room for whole vectors: there are [`MARGIN`] pixels.
+    const ROWS: usize = BLOCK + 2;
+    const ROOM: usize = 2 * BLOCK;
+    let mut sums = [[[0i16; BLOCK]; 3]; ROWS];
+    for (j, sums) in sums.iter_mut().enumerate() {
+        let row = |k: usize| -> [i16; ROOM] {
+            let row = image.row(y + j + k - 2).get(x - 2..).and_then(|row| row.first_chunk());
+            row.map_or([0; ROOM], |row: &[u8; ROOM]| row.map(i16::from))
+        };
         let (above, here, below) = (row(0), row(1), row(2));
-        let mut products = [[0i16; N]; 3];
-        for i in 0..N {
-            let difference =
-                |a: u8, b: u8| (i16::from(a) - i16::from(b)).clamp(-GRADIENT_LIMIT, GRADIENT_LIMIT);
-            let (gx, gy) =
-                (difference(here[i + 2], here[i]), difference(below[i + 1], above[i + 1]));
-            products[0][i] = gx * gx;
-            products[1][i] = gx * gy;
-            products[2][i] = gy * gy;
+        let (mut across, mut down) = ([0i16; ROOM], [0i16; ROOM]);
+        for i in 0..ROOM - 2 {
+            let limited = |difference: i16| difference.clamp(-GRADIENT_LIMIT, GRADIENT_LIMIT);
+            across[i] = limited(here[i + 2] - here[i]);
+            down[i] = limited(below[i + 1] - above[i + 1]);
         }
-        for (sum, product) in sums.iter_mut().zip(&products) {
-            let across: [i16; BLOCK] =
-                core::array::from_fn(|i| product[i] + product[i + 1] + product[i + 2]);
-            for row in &mut sum[j.saturating_sub(2)..(j + 1).min(BLOCK)] {
-                for (sum, across) in row.iter_mut().zip(&across) {
-                    *sum += across;
-                }
+        let factors = [[&across, &across], [&across, &down], [&down, &down]];
+        for (sums, [a, b]) in sums.iter_mut().zip(factors) {
+            let products: [i16; ROOM] = core::array::from_fn(|i| a[i] * b[i]);
+            for (i, sum) in sums.iter_mut().enumerate() {
+                *sum = products[i] + products[i + 1] + products[i + 2];
             }
         }
     }
-    core::array::from_fn(|j| {
-        core::array::from_fn(|i| {
-            let [xx, xy, yy] = [0, 1, 2].map(|k: usize| i32::from(sums[k][j][i]));
+    let mut responses = [[0; BLOCK]; BLOCK];
+    for (j, responses) in responses.iter_mut().enumerate() {
+        for (i, response) in responses.iter_mut().enumerate() {
+            let sum = |k: usize| i32::from(sums[j][k][i] + sums[j + 1][k][i] + sums[j + 2][k][i]);
+            let (xx, xy, yy) = (sum(0), sum(1), sum(2));
             let trace = (xx + yy) >> 2;
-            xx * yy - xy * xy - trace * trace
-        })
-    })
+            *response = xx * yy - xy * xy - trace * trace;
+        }
+    }
+    responses
 }
 
 /// Where the surroundings of `point` in `from` lie in `to`: the shift from `point`, found from the first guess

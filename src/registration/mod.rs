@@ -12,6 +12,7 @@ pub mod warp;
 
 use crate::image::Image;
 use crate::image::pyramid;
+use crate::math::threads;
 pub use global_motion::Motion;
 use global_motion::{MAX_SAMPLES, Sample, fit};
 
@@ -26,6 +27,9 @@ const _: () = assert!(COLUMNS * ROWS <= MAX_SAMPLES);
 
 /// Smallest side of a cell, in pixels of the frame's half: fewer corners in small frames.
 const MIN_CELL: usize = 8;
+
+/// Corners that one thread seeks or tracks at a time.
+const PIECE: usize = 30;
 
 /// Where corners are sought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -106,6 +110,7 @@ pub fn measure(
     old: &[Image<'_>; LEVELS],
 ) -> Motion {
     let corners = corners(new[0], search);
+    let parallel = search == Search::Dense && threads::several();
     let still = Motion::still(width, height);
     let mut motion = still;
     // A level of few pixels shows the windows only the middle of the picture.
@@ -113,18 +118,25 @@ pub fn measure(
     let coarsest = (1..LEVELS).rev().find(|&level| side(level) >= MIN_SIDE).unwrap_or(0);
     for level in (0..=coarsest).rev() {
         let bits = level as u32 + 1;
-        let mut samples = Samples::new();
-        for &(x, y) in &corners {
+        let track = |&(x, y): &(i32, i32)| {
             let (dx, dy) = motion.shift(x, y);
             let guess = (dx >> bits, dy >> bits);
             let found = lucas_kanade::track(new[level], old[level], (x >> bits, y >> bits), guess);
-            let Some((dx, dy)) = found else { continue };
-            let (dx, dy) = (dx << bits, dy << bits);
-            if dx.abs().max(dy.abs()) < MAX_SHIFT {
-                // There are no more corners than the samples have room for.
-                let _ = samples.push(Sample { x, y, dx, dy });
-            }
-        }
+            let (dx, dy) = found.map(|(dx, dy)| (dx << bits, dy << bits))?;
+            (dx.abs().max(dy.abs()) < MAX_SHIFT).then_some(Sample { x, y, dx, dy })
+        };
+        // There are no more corners than the samples have room for.
+        let samples: Samples = if parallel {
+            let mut tracked = [None; MAX_SAMPLES];
+            threads::pieces(&mut tracked[..corners.len()], PIECE, true, |number, tracked| {
+                for (tracked, corner) in tracked.iter_mut().zip(&corners[number * PIECE..]) {
+                    *tracked = track(corner);
+                }
+            });
+            tracked.into_iter().flatten().collect()
+        } else {
+            corners.iter().filter_map(track).collect()
+        };
         motion = fit(still, &samples, if level == 0 { 8 } else { 6 });
     }
     if motion.is_valid() { motion } else { Motion::IDENTITY }
@@ -167,24 +179,29 @@ fn corners(half: Image<'_>, search: Search) -> heapless::Vec<(i32, i32), MAX_SAM
         Search::Sparse => length.div_ceil(cells).max(2 * MIN_CELL),
     };
     let (width, height) = (side(half.width(), COLUMNS), side(half.height(), ROWS));
-    let mut corners = heapless::Vec::new();
-    for top in (0..half.height()).step_by(height) {
-        for left in (0..half.width()).step_by(width) {
-            let found = match search {
-                Search::Dense => {
-                    lucas_kanade::corner(half, (left, top), (left + width, top + height))
-                }
-                Search::Sparse => {
-                    lucas_kanade::block_corner(half, (left + width / 2, top + height / 2))
-                }
-            };
-            if let Some((x, y)) = found {
-                // The middle of a pixel of the half lies at 2 * (x + 1/2) of the frame.
-                let _ = corners.push(((2 * x as i32 + 1) << 8, (2 * y as i32 + 1) << 8));
+    let corner_of = |cell: usize| {
+        let across = half.width().div_ceil(width);
+        let (left, top) = (cell % across * width, cell / across * height);
+        let (x, y) = match search {
+            Search::Dense => lucas_kanade::corner(half, (left, top), (left + width, top + height)),
+            Search::Sparse => {
+                lucas_kanade::block_corner(half, (left + width / 2, top + height / 2))
             }
-        }
+        }?;
+        // The middle of a pixel of the half lies at 2 * (x + 1/2) of the frame.
+        Some(((2 * x as i32 + 1) << 8, (2 * y as i32 + 1) << 8))
+    };
+    let cells = half.width().div_ceil(width) * half.height().div_ceil(height);
+    if search == Search::Sparse || !threads::several() {
+        return (0..cells).filter_map(corner_of).collect();
     }
-    corners
+    let mut found = [None; COLUMNS * ROWS];
+    threads::pieces(&mut found[..cells], PIECE, true, |number, found| {
+        for (cell, found) in (number * PIECE..).zip(found) {
+            *found = corner_of(cell);
+        }
+    });
+    found.into_iter().flatten().collect()
 }
 
 #[cfg(test)]

@@ -1,10 +1,14 @@
 //! An older frame seen from where the camera is now, and what differs (level 3).
 
 use crate::image::Image;
+use crate::math::threads;
 use crate::registration::Motion;
 
 /// Side of the blocks whose corners are mapped exactly; inside, positions are interpolated.
 const BLOCK: usize = 16;
+
+/// Rows of a band, of which each is work for one thread: whole blocks.
+const BAND: usize = 4 * BLOCK;
 
 /// Pixels that are tried in one run where those of a whole row of a block cannot be.
 const PIECE: usize = 4;
@@ -15,12 +19,12 @@ const PIECE: usize = 4;
 /// `width * height` bytes.
 ///
 /// Panics if the pictures differ in size or `out` has fewer bytes than they have pixels.
-#[inline(never)]
 pub fn warp(
     previous: Image<'_>,
     current: Image<'_>,
     octave: u32,
     chain: &[Motion],
+    parallel: bool,
     out: &mut [u8],
 ) {
     let (width, height) = (current.width(), current.height());
@@ -29,14 +33,30 @@ pub fn warp(
         return;
     }
     let out = &mut out[..width * height];
+    threads::pieces(out, BAND * width, parallel, |number, out| {
+        warp_rows(previous, current, octave, chain, number * BAND, out);
+    });
+}
+
+/// Rows of [`warp`] from row `first` on, which is a multiple of [`BLOCK`].
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn warp_rows(
+    previous: Image<'_>,
+    current: Image<'_>,
+    octave: u32,
+    chain: &[Motion],
+    first: usize,
+    out: &mut [u8],
+) {
+    let width = current.width();
     if chain.iter().all(Motion::is_identity) {
-        for (y, out) in out.chunks_exact_mut(width).enumerate() {
+        for (y, out) in (first..).zip(out.chunks_exact_mut(width)) {
             out.copy_from_slice(previous.row(y));
         }
         return;
     }
-    for top in (0..height).step_by(BLOCK) {
-        let rows = BLOCK.min(height - top);
+    for (top, out) in (first..).step_by(BLOCK).zip(out.chunks_mut(BLOCK * width)) {
+        let rows = out.len() / width;
         let knot = |x, y| knot(chain, octave, x, y);
         let mut left = [knot(0, top), knot(0, top + BLOCK)];
         for x in (0..width).step_by(BLOCK) {
@@ -48,12 +68,15 @@ pub fn warp(
                 let slope = ((end.0 - start.0) >> 4, (end.1 - start.1) >> 4);
                 let segment = Segment { x, y, shift: start, slope };
                 let columns = BLOCK.min(width - x);
-                let out = &mut out[y * width + x..][..columns];
+                let out = &mut out[j * width + x..][..columns];
                 let instead = &current.row(y)[x..x + columns];
                 if segment.copy_straight::<BLOCK>(previous, out) {
                     continue;
                 }
-                // Most often so in pieces.
+                if segment.copy_stepped(previous, out) {
+                    continue;
+                }
+                // At the edges of the picture and under large slopes: most often so in pieces.
                 let pieces = out.chunks_mut(PIECE).zip(instead.chunks(PIECE)).enumerate();
                 for (i, (out, instead)) in pieces {
                     let piece = segment.from(i * PIECE);
@@ -134,6 +157,49 @@ impl Segment {
         true
     }
 
+    /// As [`Segment::copy_straight`] of a whole row of a block, where the whole part of the shift grows or shrinks by up to
+    /// one on the way. False when it changes more or pixels are missing.
+    #[inline(always)]
+    fn copy_stepped(&self, from: Image<'_>, out: &mut [u8]) -> bool {
+        const LAST: i32 = BLOCK as i32 - 1;
+        const ROOM: usize = BLOCK + 2;
+        let Ok(out) = <&mut [u8; BLOCK]>::try_from(out) else { return false };
+        let (dx, dy) = (self.shift.0 + (1 << 11), self.shift.1 + (1 << 11));
+        let (across, down) = self.slope;
+        let (first, last) =
+            ((dx >> 16, dy >> 16), ((dx + LAST * across) >> 16, (dy + LAST * down) >> 16));
+        let least = (first.0.min(last.0), first.1.min(last.1));
+        if first.0.abs_diff(last.0) > 1 || first.1.abs_diff(last.1) > 1 {
+            return false;
+        }
+        let (Ok(x), Ok(y)) =
+            (usize::try_from(self.x as i32 + least.0), usize::try_from(self.y as i32 + least.1))
+        else {
+            return false;
+        };
+        if x + ROOM > from.width() || y + 2 >= from.height() {
+            return false;
+        }
+        let row = |y: usize| from.row(y).get(x..).and_then(|row| row.first_chunk::<ROOM>());
+        let (Some(upper), Some(middle), Some(lower)) = (row(y), row(y + 1), row(y + 2)) else {
+            return false;
+        };
+        for (i, out) in out.iter_mut().enumerate() {
+            let (dx, dy) = (dx + i as i32 * across, dy + i as i32 * down);
+            let (wx, wy) = (dx as u16 >> 12, dy as u16 >> 12);
+            let (right, below) = (dx >> 16 != least.0, dy >> 16 != least.1);
+            let pick = |row: &[u8; ROOM]| match right {
+                true => (row[i + 1], row[i + 2]),
+                false => (row[i], row[i + 1]),
+            };
+            let (a, b, c) = (pick(upper), pick(middle), pick(lower));
+            let ((a, b), (c, d)) = if below { (b, c) } else { (a, b) };
+            let across = |a: u8, b: u8| blend(a.into(), b.into(), wx);
+            *out = ((blend(across(a, b), across(c, d), wy) + 128) >> 8) as u8;
+        }
+        true
+    }
+
     /// Samples pixel by pixel; those outside of `from` come from `instead`.
     fn copy(&self, from: Image<'_>, instead: &[u8], out: &mut [u8]) {
         let (last_x, last_y) = (from.width() as i32 - 1, from.height() as i32 - 1);
@@ -160,6 +226,7 @@ impl Segment {
 }
 
 /// 16 times the mixture of two values with `weight` sixteenths of the second.
+#[inline(always)]
 fn blend(first: u16, second: u16, weight: u16) -> u16 {
     // One product instead of two; what wraps on the way is right in the end, which is below 2^16.
     (first * 16).wrapping_add(second.wrapping_sub(first).wrapping_mul(weight))
@@ -169,15 +236,23 @@ fn blend(first: u16, second: u16, weight: u16) -> u16 {
 /// where the older frame, moved by up to a pixel, explains it. Both slices are packed, `width * height` bytes.
 ///
 /// Panics if a slice has fewer bytes than the frame has pixels.
-#[inline(never)]
-pub fn temporal_difference(current: Image<'_>, warped: &[u8], out: &mut [u8]) {
-    const STRIP: usize = 128;
+pub fn temporal_difference(current: Image<'_>, warped: &[u8], parallel: bool, out: &mut [u8]) {
     let (width, height) = (current.width(), current.height());
     if width == 0 || height == 0 {
         return;
     }
     let (warped, out) = (&warped[..width * height], &mut out[..width * height]);
-    for (y, out) in out.chunks_exact_mut(width).enumerate() {
+    threads::pieces(out, BAND * width, parallel, |number, out| {
+        difference_rows(current, warped, number * BAND, out);
+    });
+}
+
+/// Rows of [`temporal_difference`] from row `first` on.
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn difference_rows(current: Image<'_>, warped: &[u8], first: usize, out: &mut [u8]) {
+    const STRIP: usize = 128;
+    let (width, height) = (current.width(), current.height());
+    for (y, out) in (first..).zip(out.chunks_exact_mut(width)) {
         let row = |y: usize| &warped[y * width..][..width];
         let rows = [row(y.saturating_sub(1)), row(y), row((y + 1).min(height - 1))];
         let here = current.row(y);
@@ -204,7 +279,31 @@ pub fn temporal_difference(current: Image<'_>, warped: &[u8], out: &mut [u8]) {
     }
 }
 
+/// The distance of each pixel of `current` from that of `warped`, in grey levels. Both slices are packed, `width * height`
+/// bytes. Panics if a slice has fewer bytes than the frame has pixels.
+pub fn plain_difference(current: Image<'_>, warped: &[u8], parallel: bool, out: &mut [u8]) {
+    let width = current.width();
+    if width == 0 {
+        return;
+    }
+    let size = width * current.height();
+    threads::pieces(&mut out[..size], BAND * width, parallel, |number, out| {
+        let warped = warped[number * BAND * width..].chunks_exact(width);
+        for (y, (out, warped)) in (number * BAND..).zip(out.chunks_exact_mut(width).zip(warped)) {
+            distances(current.row(y), warped, out);
+        }
+    });
+}
+
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn distances(current: &[u8], warped: &[u8], out: &mut [u8]) {
+    for ((out, a), b) in out.iter_mut().zip(current).zip(warped) {
+        *out = a.abs_diff(*b);
+    }
+}
+
 /// Writes `f` of the elements at the same place of three slices.
+#[inline(always)]
 fn combine([a, b, c]: [&[u8]; 3], out: &mut [u8], f: impl Fn(u8, u8) -> u8) {
     for (out, ((&a, &b), &c)) in out.iter_mut().zip(a.iter().zip(b).zip(c)) {
         *out = f(f(a, b), c);
@@ -248,7 +347,7 @@ mod tests {
             let current: Vec<u8> = previous.iter().map(|v| v ^ 255).collect();
             let view = |p| Image::packed(p, w, h).unwrap();
             let mut out = vec![0; w * h];
-            warp(view(&previous), view(&current), 0, &chain, &mut out);
+            warp(view(&previous), view(&current), 0, &chain, true, &mut out);
             for (i, &got) in out.iter().enumerate() {
                 let (x, y) = ((i % w) as i32, (i / w) as i32);
                 let start = (x * 256 + 128, y * 256 + 128);
@@ -276,9 +375,16 @@ mod tests {
         let (previous, current) =
             (Image::new(&pixels, 38, 23, 41).unwrap(), Image::packed(&[7; 874], 38, 23).unwrap());
         let mut out = vec![0; 874];
-        warp(previous, current, 0, &[Motion::IDENTITY; 3], &mut out);
+        warp(previous, current, 0, &[Motion::IDENTITY; 3], true, &mut out);
         assert!((0..23).all(|y| out[y * 38..][..38] == *previous.row(y)));
-        warp(Image::packed(&[], 0, 4).unwrap(), Image::packed(&[], 0, 4).unwrap(), 0, &[], &mut []);
+        warp(
+            Image::packed(&[], 0, 4).unwrap(),
+            Image::packed(&[], 0, 4).unwrap(),
+            0,
+            &[],
+            true,
+            &mut [],
+        );
     }
 
     proptest! {
@@ -288,7 +394,7 @@ mod tests {
             let Ok(current) = current else { return Ok(()) };
             let warped = &bytes[..w * h];
             let mut out = vec![1; w * h];
-            temporal_difference(current, warped, &mut out);
+            temporal_difference(current, warped, true, &mut out);
             for (i, &got) in out.iter().enumerate() {
                 let (x, y) = (i % w, i / w);
                 let around = (0..h).filter(|j| j.abs_diff(y) <= 1).flat_map(|j| (0..w).filter(|i| i.abs_diff(x) <= 1).map(move |i| warped[j * w + i]));
@@ -296,6 +402,10 @@ mod tests {
                 let value = current.row(y)[x];
                 let want = value.abs_diff(value.clamp(low, high));
                 prop_assert_eq!(got, want);
+            }
+            plain_difference(current, warped, true, &mut out);
+            for (i, &got) in out.iter().enumerate() {
+                prop_assert_eq!(got, current.row(i / w)[i % w].abs_diff(warped[i]));
             }
         }
     }

@@ -4,7 +4,7 @@
 //! computed from above, a strip of a few rows at a time, with running sums over the square around each cell.
 
 use crate::channels::window::PADDING;
-use crate::channels::{Cell, DIFFERENCES, Newest};
+use crate::channels::{CELL_CHANNELS, DIFFERENCES, GREY, MAGNITUDE, Newest, RUN};
 use crate::image::gradient::ORIENTATIONS;
 use core::array::from_fn;
 
@@ -39,7 +39,7 @@ static ROOT: [u8; RATIOS] = {
 };
 
 /// Side of the blocks of [`noise`], in cells.
-const BLOCK: usize = 8;
+const BLOCK: usize = RUN;
 
 /// Words that [`noise`] needs for a level of `columns` x `rows` cells.
 pub const fn noise_words(columns: usize, rows: usize) -> usize {
@@ -54,20 +54,21 @@ pub fn noise(newest: &Newest<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
     // Means of blocks; the mean of those below twice the mean of all is robust against targets.
     let (columns, rows) = newest.slice.cells();
     let (across, down) = (columns / BLOCK, rows / BLOCK);
-    let (blocks, _) = words[..noise_words(columns, rows)].as_chunks_mut::<DIFFERENCES>();
-    blocks.fill([0; DIFFERENCES]);
+    let count = across * down;
+    let blocks = &mut words[..noise_words(columns, rows)];
+    blocks.fill(0);
     for y in 0..down * BLOCK {
         let row = newest.row(y);
-        let blocks = &mut blocks[y / BLOCK * across..][..across];
+        let place = y / BLOCK * across;
         for (i, difference) in row.differences.iter().enumerate() {
-            difference.sum_runs(BLOCK, blocks.iter_mut().map(|sums| &mut sums[i]));
+            difference.sum_runs(&mut blocks[i * count + place..][..across]);
         }
     }
     from_fn(|i| {
-        let count = blocks.len().max(1) as u64;
-        let all: u64 = blocks.iter().map(|sums| u64::from(sums[i])).sum();
-        let calm =
-            || blocks.iter().map(|sums| u64::from(sums[i])).filter(|sum| sum * count <= 2 * all);
+        let blocks = &blocks[i * count..][..count];
+        let count = count.max(1) as u64;
+        let all: u64 = blocks.iter().map(|&sum| u64::from(sum)).sum();
+        let calm = || blocks.iter().map(|&sum| u64::from(sum)).filter(|sum| sum * count <= 2 * all);
         let number = (calm().count() as u64).max(1);
         (calm().sum::<u64>() / (4 * number)) as u32
     })
@@ -91,46 +92,36 @@ fn quarter_mean(sum: u16) -> usize {
     ((u32::from(sum) * (4 * 65536 / AREA)) >> 16) as usize
 }
 
-/// 64 times `value` over the mean with reciprocal `reciprocal`, through [`ROOT`].
-#[inline(always)]
-fn ratio(value: u8, reciprocal: u16) -> u8 {
-    let ratio = (u32::from(value) * u32::from(reciprocal)) >> 8;
-    ROOT[ratio as usize % RATIOS]
-}
-
-/// Rows of cells over which the map is normalised.
+/// Rows and columns of cells over which the map is normalised.
 const NEAR: usize = 2 * REACH + 1;
 
-/// Sums of a column of a square, or of all of it: magnitude, grey, far and near difference.
-type Sums = [u16; 4];
+/// Channels of which the mean around a cell is needed: magnitude, grey, far and near difference.
+const AVERAGED: [usize; 4] = [MAGNITUDE, GREY, GREY + 1, GREY + 2];
 
-#[inline(always)]
-fn sums(cell: &Cell) -> Sums {
-    let [.., magnitude, grey, far, near, _] = *cell;
-    [magnitude.into(), grey.into(), far.into(), near.into()]
+/// Words beside the sums of columns: sums over the square, then those of pairs and fours of columns, in whose place are
+/// later four reciprocals of each cell.
+const fn temporaries_len(columns: usize) -> usize {
+    let (pairs, reciprocals) = (2 * sums_len(columns), 4 * columns);
+    AVERAGED.len() * columns + if pairs > reciprocals { pairs } else { reciprocals }
 }
 
-#[inline(always)]
-fn add(sums: &mut Sums, &[a, b, c, d]: &Sums) {
-    *sums = [sums[0] + a, sums[1] + b, sums[2] + c, sums[3] + d];
-}
-
-#[inline(always)]
-fn take(sums: &mut Sums, &[a, b, c, d]: &Sums) {
-    *sums = [sums[0] - a, sums[1] - b, sums[2] - c, sums[3] - d];
+/// Sums of one channel over the columns of a level, and as many zeros as the square reaches on either side.
+const fn sums_len(columns: usize) -> usize {
+    columns + 2 * REACH
 }
 
 /// Bytes that [`strips`] needs, with strips of up to `rows` rows, for a level of `columns` cells in a row.
 pub const fn strip_bytes(columns: usize, rows: usize) -> usize {
-    (columns + 2 * PADDING) * rows * MAP_CHANNELS + columns * NEAR * size_of::<Cell>()
+    (columns + 2 * PADDING) * rows * MAP_CHANNELS + columns * NEAR * CELL_CHANNELS
 }
 
 /// Words that [`strips`] needs for a level of `columns` cells in a row.
 pub const fn strip_words(columns: usize) -> usize {
-    columns * size_of::<Sums>() / 2
+    AVERAGED.len() * sums_len(columns) + temporaries_len(columns)
 }
 
-/// Rows of a map from row `top` on, counted from the first row of padding: [`MAP_CHANNELS`] bytes a cell.
+/// Rows of a map from row `top` on, counted from the first row of padding. A row is [`MAP_CHANNELS`] planes, a byte for
+/// each cell.
 #[derive(Debug, Clone, Copy)]
 pub struct Strip<'a> {
     /// Number of the first row.
@@ -156,23 +147,22 @@ pub fn strips(
     mut each: impl FnMut(Strip<'_>),
 ) {
     let columns = newest.slice.cells().0;
-    let stride = (columns + 2 * PADDING) * MAP_CHANNELS;
+    let width = columns + 2 * PADDING;
+    let stride = width * MAP_CHANNELS;
     let (strip, ring) = bytes.split_at_mut(stride * rows);
     let mut around = Around::new(newest, ring, words);
     // Q16 reciprocals of the noise (Q4 quarters) with a floor of half a grey level: at most 2048.
-    let calm = noise.map(|n| 65536 / (n + 32));
+    let loud = noise.map(|n| loud(65536 / (n + 32)));
     let height = around.rows + 2 * PADDING;
     let mut filled = 0;
     for number in 0..height {
-        let (out, _) = strip[filled * stride..(filled + 1) * stride].as_chunks_mut();
-        match number.checked_sub(PADDING).filter(|&y| y < around.rows) {
-            Some(y) => {
-                out[..PADDING].fill(OUTSIDE);
-                out[PADDING + columns..].fill(OUTSIDE);
-                around.advance(y);
-                around.map_row(y, &calm, &mut out[PADDING..PADDING + columns]);
-            }
-            None => out.fill(OUTSIDE),
+        let planes = &mut strip[filled * stride..(filled + 1) * stride];
+        for (plane, value) in planes.chunks_exact_mut(width).zip(OUTSIDE) {
+            plane.fill(value);
+        }
+        if let Some(y) = number.checked_sub(PADDING).filter(|&y| y < around.rows) {
+            around.advance(y);
+            around.map_row(y, &loud, planes);
         }
         filled += 1;
         if filled == rows || number + 1 == height {
@@ -183,15 +173,24 @@ pub fn strips(
     }
 }
 
+/// Map values of a difference against the noise, by the difference.
+type Loud = [u8; 256];
+
+/// For a Q16 reciprocal of the noise, at most 2048.
+fn loud(calm: u32) -> Loud {
+    from_fn(|value| ROOT[((value as u32 * calm) >> 7) as usize % RATIOS])
+}
+
 /// The cells around a row of cells.
 struct Around<'a> {
     newest: &'a Newest<'a>,
     columns: usize,
     rows: usize,
-    /// The last [`NEAR`] rows of cells, row y in place y modulo their number.
-    ring: &'a mut [Cell],
-    /// Of each column the sums over the rows of the square around the row.
-    sums: &'a mut [Sums],
+    /// The last [`NEAR`] rows of cells, row y in place y modulo their number: [`CELL_CHANNELS`] planes each.
+    ring: &'a mut [u8],
+    /// Of each of [`AVERAGED`] the sums of each column over the rows of the square around the row.
+    sums: &'a mut [u16],
+    temporaries: &'a mut [u16],
     /// Rows of cells that were taken in.
     taken: usize,
 }
@@ -199,118 +198,209 @@ struct Around<'a> {
 impl<'a> Around<'a> {
     fn new(newest: &'a Newest<'a>, ring: &'a mut [u8], words: &'a mut [u16]) -> Self {
         let (columns, rows) = newest.slice.cells();
-        let (ring, sums) = (ring.as_chunks_mut().0, words.as_chunks_mut().0);
-        let (ring, sums) = (&mut ring[..columns * NEAR], &mut sums[..columns]);
-        sums.fill([0; 4]);
-        Self { newest, columns, rows, ring, sums, taken: 0 }
+        let ring = &mut ring[..columns * NEAR * CELL_CHANNELS];
+        let (sums, rest) = words.split_at_mut(AVERAGED.len() * sums_len(columns));
+        sums.fill(0);
+        let temporaries = &mut rest[..temporaries_len(columns)];
+        Self { newest, columns, rows, ring, sums, temporaries, taken: 0 }
     }
 
     /// Moves the square down to be around row `y`, the one after that of the last call; the first is 0.
     #[inline(never)]
     fn advance(&mut self, y: usize) {
+        let length = self.columns * CELL_CHANNELS;
         if let Some(above) = y.checked_sub(REACH + 1) {
-            let gone = &self.ring[above % NEAR * self.columns..][..self.columns];
-            self.sums.iter_mut().zip(gone).for_each(|(all, cell)| take(all, &sums(cell)));
+            let gone = &self.ring[above % NEAR * length..][..length];
+            change_sums::<false>(self.columns, gone, self.sums);
         }
         while self.taken < self.rows.min(y + REACH + 1) {
-            let newest = self.newest;
-            let row = newest.row(self.taken);
-            let cells = &mut self.ring[self.taken % NEAR * self.columns..][..self.columns];
-            row.fill(cells);
-            self.sums.iter_mut().zip(&*cells).for_each(|(all, cell)| add(all, &sums(cell)));
+            let cells = &mut self.ring[self.taken % NEAR * length..][..length];
+            self.newest.row(self.taken).fill(self.columns, cells);
+            change_sums::<true>(self.columns, cells, self.sums);
             self.taken += 1;
         }
     }
 
-    /// The map of row `y`, around which the square is.
+    /// The map of row `y`, around which the square is; `out` is the row of the map.
     #[inline(never)]
-    fn map_row(&self, y: usize, calm: &[u32; DIFFERENCES], out: &mut [[u8; MAP_CHANNELS]]) {
-        let mut around = [0; 4];
-        self.sums.iter().take(REACH).for_each(|column| add(&mut around, column));
-        // The sums over the square first, which wait where the map is going to be: all at once does not fit into the
-        // registers of a microcontroller.
-        for (x, out) in out.iter_mut().enumerate() {
-            if let Some(column) = self.sums.get(x + REACH) {
-                add(&mut around, column);
-            }
-            if let Some(column) = x.checked_sub(REACH + 1).and_then(|left| self.sums.get(left)) {
-                take(&mut around, column);
-            }
-            let (sums, _) = out.as_chunks_mut();
-            sums.iter_mut().zip(around).for_each(|(out, sum)| *out = sum.to_le_bytes());
-        }
-        match self.newest.oriented {
-            true => self.map_cells::<true>(y, calm, out),
-            false => self.map_cells::<false>(y, calm, out),
-        }
-    }
-
-    /// The map of row `y`, in whose place the sums over the square around each cell are, with orientations or without.
-    #[inline(always)]
-    fn map_cells<const ORIENTED: bool>(
-        &self,
-        y: usize,
-        calm: &[u32; DIFFERENCES],
-        out: &mut [[u8; MAP_CHANNELS]],
-    ) {
-        let cells = &self.ring[y % NEAR * self.columns..][..self.columns];
+    fn map_row(&mut self, y: usize, loud: &[Loud; DIFFERENCES], out: &mut [u8]) {
+        let length = self.columns * CELL_CHANNELS;
+        let cells = &self.ring[y % NEAR * length..][..length];
         let down = (y + REACH + 1).min(self.rows) - y.saturating_sub(REACH);
-        let mut inside = (0, 0);
-        for (x, (out, cell)) in out.iter_mut().zip(cells).enumerate() {
-            // Cells of the square that lie in the picture, and their Q18 reciprocal: they change near edges only.
-            let across = (x + REACH + 1).min(self.columns) - x.saturating_sub(REACH);
-            let count = (across * down) as u32;
-            if inside.0 != count {
-                inside = (count, (1u32 << 18).div_ceil(count));
-            }
-            let [a, b, c, d, e, f, g, h, ..] = *out;
-            let around = [[a, b], [c, d], [e, f], [g, h]].map(u16::from_le_bytes);
-            *out = map_cell::<ORIENTED>(cell, &around, inside.1, calm);
+        let Self { columns, sums, temporaries, .. } = self;
+        let (around, rest) = temporaries.split_at_mut(AVERAGED.len() * *columns);
+        let (pairs, fours) = rest[..2 * sums_len(*columns)].split_at_mut(sums_len(*columns));
+        sum_across(*columns, sums, around, [pairs, fours]);
+        map_row(
+            Row { cells, around, columns: *columns, down, oriented: self.newest.oriented, loud },
+            rest,
+            out,
+        );
+    }
+}
+
+/// Adds a row of cells to the sums of columns, or takes it away.
+fn change_sums<const ADD: bool>(columns: usize, cells: &[u8], sums: &mut [u16]) {
+    for (sums, channel) in sums.chunks_exact_mut(sums_len(columns)).zip(AVERAGED) {
+        let plane = &cells[channel * columns..][..columns];
+        for (sum, &value) in sums[REACH..].iter_mut().zip(plane) {
+            let value = u16::from(value);
+            *sum = if ADD { *sum + value } else { *sum - value };
         }
     }
 }
 
-/// The map of a cell with the sums over the square around it; `inside` is the Q18 reciprocal of its cells.
+/// Sums over the square around each cell, from sums of columns; `pairs` and `fours` have room for those of one channel.
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn sum_across(columns: usize, sums: &[u16], around: &mut [u16], [pairs, fours]: [&mut [u16]; 2]) {
+    let planes = around.chunks_exact_mut(columns);
+    for (out, sums) in planes.zip(sums.chunks_exact(sums_len(columns))) {
+        // 11 columns are 4 and 4 and 2 and 1.
+        for ((pair, a), b) in pairs.iter_mut().zip(sums).zip(&sums[1..]) {
+            *pair = a + b;
+        }
+        for ((four, a), b) in fours.iter_mut().zip(&*pairs).zip(&pairs[2..]) {
+            *four = a + b;
+        }
+        let ends = fours.iter().zip(&fours[4..]).zip(&pairs[8..]).zip(&sums[10..]);
+        for (out, (((a, b), c), d)) in out.iter_mut().zip(ends) {
+            *out = a + b + c + d;
+        }
+    }
+}
+
+/// What a row of the map is computed from.
+#[derive(Debug, Clone, Copy)]
+struct Row<'a> {
+    /// Planes of cells.
+    cells: &'a [u8],
+    /// Planes of sums over the square around each cell.
+    around: &'a [u16],
+    columns: usize,
+    /// Rows of the square that lie in the picture.
+    down: usize,
+    oriented: bool,
+    loud: &'a [Loud; DIFFERENCES],
+}
+
+impl<'a> Row<'a> {
+    fn cells(&self, channel: usize) -> &'a [u8] {
+        &self.cells[channel * self.columns..][..self.columns]
+    }
+
+    fn around(&self, number: usize) -> &'a [u16] {
+        &self.around[number * self.columns..][..self.columns]
+    }
+}
+
+/// The high half of a product.
 #[inline(always)]
-fn map_cell<const ORIENTED: bool>(
-    cell: &Cell,
-    around: &Sums,
-    inside: u32,
-    calm: &[u32; DIFFERENCES],
-) -> [u8; MAP_CHANNELS] {
-    let [magnitude_around, grey_around, far_around, near_around] = *around;
-    let energy = RECIPROCAL[quarter_mean(magnitude_around) & 1023];
-    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = *cell;
-    let against_energy = |value: u8| ratio(value, energy);
-    let mean = (u32::from(grey_around) * inside) >> 16;
-    let above = i32::from(grey) * 4 - mean as i32;
-    let byte = |value: i32| (128 + value).clamp(0, 255) as u8;
-    let loud = |value: u8, calm: u32| ROOT[((u32::from(value) * calm) >> 7) as usize % RATIOS];
-    let local = |value: u8, sum: u16| ratio(value, RECIPROCAL[quarter_mean(sum) & 1023]);
-    let quarters = usize::from(magnitude) * 4;
-    let [a, b, c, d, e, f] = match ORIENTED {
-        true => [a, b, c, d, e, f].map(against_energy),
-        false => [0; ORIENTATIONS],
+fn high(a: u16, b: u16) -> u16 {
+    ((u32::from(a) * u32::from(b)) >> 16) as u16
+}
+
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn map_row(row: Row<'_>, temporaries: &mut [u16], out: &mut [u8]) {
+    let columns = row.columns;
+    let mut planes = out
+        .chunks_exact_mut(columns + 2 * PADDING)
+        .map(|plane| &mut plane[PADDING..PADDING + columns]);
+    let mut plane = || planes.next().unwrap_or_default();
+    let (energy, rest) = temporaries.split_at_mut(columns);
+    let (far, rest) = rest.split_at_mut(columns);
+    let (near, rest) = rest.split_at_mut(columns);
+    let indices = &mut rest[..columns];
+    reciprocals(row.around(0), energy);
+    reciprocals(row.around(2), far);
+    reciprocals(row.around(3), near);
+    for channel in 0..ORIENTATIONS {
+        let out = plane();
+        if row.oriented {
+            ratios(row.cells(channel), energy, indices, out);
+        }
+    }
+    let magnitude = row.cells(MAGNITUDE);
+    ratios(magnitude, energy, indices, plane());
+    look_up(magnitude, |value| QUARTER_ROOT[usize::from(value)], plane());
+    intensity(&row, energy, indices, [plane(), plane()]);
+    let [far_cells, near_cells, plain] = [1, 2, 3].map(|i| row.cells(GREY + i));
+    for (cells, loud) in [far_cells, near_cells, plain].into_iter().zip(row.loud) {
+        look_up(cells, |value| loud[usize::from(value)], plane());
+    }
+    ratios(near_cells, near, indices, plane());
+    // The plain difference against the magnitude of the cell alone.
+    look_up(magnitude, |magnitude| RECIPROCAL[usize::from(magnitude) * 4], energy);
+    ratios(plain, energy, indices, plane());
+    ratios(far_cells, far, indices, plane());
+}
+
+/// [`ROOT`] of four times a magnitude.
+static QUARTER_ROOT: [u8; 256] = {
+    let mut table = [0; 256];
+    let mut i = 0;
+    while i < 256 {
+        table[i] = ROOT[4 * i];
+        i += 1;
+    }
+    table
+};
+
+/// Reciprocals of the means over squares of such sums.
+#[inline(always)]
+fn reciprocals(sums: &[u16], out: &mut [u16]) {
+    look_up(sums, |sum| RECIPROCAL[quarter_mean(sum) & 1023], out);
+}
+
+/// 64 times each value over the mean of this reciprocal, through [`ROOT`].
+#[inline(always)]
+fn ratios(values: &[u8], reciprocals: &[u16], indices: &mut [u16], out: &mut [u8]) {
+    for ((index, &value), &reciprocal) in indices.iter_mut().zip(values).zip(reciprocals) {
+        // A shift by 8 in all.
+        *index = high(u16::from(value) << 8, reciprocal);
+    }
+    look_up(indices, |index| ROOT[usize::from(index) % RATIOS], out);
+}
+
+/// Looks each value up, eight at a time so that there is less to do beside.
+#[inline(always)]
+fn look_up<T: Copy, U>(values: &[T], table: impl Fn(T) -> U, out: &mut [U]) {
+    let ((eights, rest), (out, last)) = (values.as_chunks::<8>(), out.as_chunks_mut::<8>());
+    for (out, values) in out.iter_mut().zip(eights) {
+        for (out, &value) in out.iter_mut().zip(values) {
+            *out = table(value);
+        }
+    }
+    for (out, &value) in last.iter_mut().zip(rest) {
+        *out = table(value);
+    }
+}
+
+/// Intensity against the mean around: relative to the magnitude around, and in half grey levels.
+#[inline(always)]
+fn intensity(row: &Row<'_>, energy: &[u16], means: &mut [u16], [relative, half]: [&mut [u8]; 2]) {
+    let columns = row.columns;
+    let (grey, around) = (row.cells(GREY), row.around(1));
+    // Q18 reciprocal of the cells of the square that lie in the picture: they change near edges only.
+    let inside = |x: usize| {
+        let across = (x + REACH + 1).min(columns) - x.saturating_sub(REACH);
+        (1u32 << 18).div_ceil((across * row.down) as u32) as u16
     };
-    [
-        a,
-        b,
-        c,
-        d,
-        e,
-        f,
-        against_energy(magnitude),
-        ROOT[quarters],
-        byte((above * i32::from(energy)) >> 10),
-        byte(above >> 1),
-        loud(far, calm[0]),
-        loud(near, calm[1]),
-        loud(plain, calm[2]),
-        local(near, near_around),
-        // The plain difference against the magnitude of the cell alone.
-        ratio(plain, RECIPROCAL[quarters]),
-        local(far, far_around),
-    ]
+    let whole = (1u32 << 18).div_ceil((NEAR * row.down) as u32) as u16;
+    for (mean, &sum) in means.iter_mut().zip(around) {
+        *mean = high(sum, whole);
+    }
+    for x in (0..REACH.min(columns)).chain(columns.saturating_sub(REACH)..columns) {
+        means[x] = high(around[x], inside(x));
+    }
+    let above = |grey: u8, mean: u16| i16::from(grey) * 4 - mean.cast_signed();
+    for ((out, &grey), &mean) in half.iter_mut().zip(grey).zip(&*means) {
+        *out = (128 + (above(grey, mean) >> 1)).clamp(0, 255) as u8;
+    }
+    for (((out, &grey), &mean), &energy) in relative.iter_mut().zip(grey).zip(&*means).zip(energy) {
+        // Both factors have 15 bits: six more than what counts of the product.
+        let product = i32::from(above(grey, mean) << 4) * i32::from((energy << 2).cast_signed());
+        *out = (128 + (product >> 16) as i16).clamp(0, 255) as u8;
+    }
 }
 
 #[cfg(test)]
@@ -333,8 +423,14 @@ mod tests {
         let mut words = vec![0xa5a5; strip_words(columns)];
         let mut map: Vec<[u8; MAP_CHANNELS]> = vec![];
         strips(newest, &noise, rows, &mut bytes, &mut words, |strip| {
-            let (cells, rest) = strip.bytes.as_chunks();
-            assert!(rest.is_empty());
+            let width = columns + 2 * PADDING;
+            let rows = strip.bytes.chunks_exact(width * MAP_CHANNELS);
+            assert!(rows.remainder().is_empty());
+            let cells: Vec<[u8; MAP_CHANNELS]> = rows
+                .flat_map(|row| {
+                    (0..width).map(move |x| from_fn(|channel| row[channel * width + x]))
+                })
+                .collect();
             let known = map.len() - strip.top * (columns + 2 * PADDING);
             assert_eq!(
                 map[map.len() - known..],

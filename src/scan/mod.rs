@@ -4,17 +4,18 @@
 
 pub mod aggregate;
 pub mod cascade;
+pub mod lanes;
 
 use crate::channels::DIFFERENCES;
 use crate::channels::scale_space::{Geometry, Level, Pictures, Pyramid};
-use crate::channels::window::Position;
-use crate::channels::window::WINDOW;
+use crate::channels::window::{PADDING, Position, WINDOW};
 use crate::image::nms;
 use crate::trees::Forest;
 use aggregate::Strip;
 use cascade::{Candidate, Map};
 use core::cmp::Reverse;
 use heapless::binary_heap::{BinaryHeap, Min};
+use lanes::{Cascade, Lanes};
 
 /// Most windows that are handed on.
 pub const MAX_CANDIDATES: usize = 64;
@@ -173,6 +174,31 @@ pub fn search(
     (found[..kept].iter().map(decode).collect(), counts)
 }
 
+/// Trees of `cascade` that the windows of a frame pass until they are rejected, all together, and the windows: for
+/// statistics, one level and window after the other. Panics if `scratch` is too small.
+pub fn count_trees(
+    cascade: &Forest<'_>,
+    pyramid: &Pyramid<'_>,
+    scratch: Scratch<'_>,
+) -> (u64, u64) {
+    let (words, strips) = scratch.words.split_at_mut(candidate_words(pyramid.geometry()));
+    let noise = noise(pyramid, words);
+    let step = pyramid.geometry().history().stride();
+    let (mut tests, mut windows) = (0, 0);
+    for level in pyramid.searched() {
+        let columns = level.level.cells().0;
+        let rows = (STRIP_ROWS, WINDOW - 1);
+        aggregate::strips(&level.newest, &noise, rows, scratch.bytes, strips, |strip| {
+            let map = Map::new(strip, columns);
+            let counted = map.count_tests(cascade, step);
+            tests += counted.0;
+            windows += counted.1;
+        });
+    }
+    // Every tree takes as many tests as it is deep.
+    (tests / u64::from(cascade.depth()), windows)
+}
+
 /// What the scan of one level found.
 struct LevelFound {
     number: u8,
@@ -229,9 +255,11 @@ fn scan_level(
 ) -> LevelFound {
     let columns = level.level.cells().0;
     let mut found = LevelFound { number: level.number, windows: 0, kept: 0, best: Kept::new() };
+    let lanes = if step == 1 { Lanes::fastest() } else { Lanes::Scalar };
+    let in_lanes = Cascade::new(lanes, cascade, columns + 2 * PADDING);
     let scan = |strip: Strip<'_>| {
         let map = Map::new(strip, columns);
-        found.windows += map.scan(level.number, cascade, step, |candidate| {
+        let keep = |candidate: Candidate| {
             found.kept += 1;
             let item = (candidate.score, Reverse((candidate.y, candidate.x)));
             let best = &mut found.best;
@@ -240,7 +268,11 @@ fn scan_level(
                 // There is room now.
                 let _ = best.push(item);
             }
-        });
+        };
+        found.windows += match &in_lanes {
+            Some(cascade) => map.scan_in_lanes(level.number, cascade, keep),
+            None => map.scan(level.number, cascade, step, keep),
+        };
     };
     let rows = (STRIP_ROWS, WINDOW - 1);
     aggregate::strips(&level.newest, noise, rows, scratch.bytes, scratch.words, scan);

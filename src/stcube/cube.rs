@@ -21,14 +21,14 @@ pub const PATCH_SCALE: u32 = (SUBCELL * SUBCELL) as u32;
 #[derive(Debug, Clone)]
 pub struct Patch {
     /// Row by row; what is behind the last one stays 0.
-    corners: [[u32; CHANNELS]; ROOM],
+    pub(super) corners: Corners,
     /// Whether nothing was cut yet.
     blank: bool,
 }
 
 impl Patch {
     /// A patch of nothing.
-    pub const EMPTY: Self = Self { corners: [[0; CHANNELS]; ROOM], blank: true };
+    pub const EMPTY: Self = Self { corners: NOTHING, blank: true };
 
     /// Makes it a patch of nothing.
     pub fn clear(&mut self) {
@@ -56,44 +56,55 @@ impl Patch {
     }
 
     /// Sums up the window that begins `part` (quarters of a cell) right of and below the first corner of `cells`.
-    fn sum_up(&mut self, cells: &Square<CORNERS>, (fx, fy): (u32, u32)) {
-        let unit = SUBCELL as u32;
+    fn sum_up(&mut self, cells: &Square<CORNERS>, part: (u32, u32)) {
         self.blank = false;
-        // Of each corner of a row of cells: sums over all cells above and to the left, those of the row before it, and
-        // the interpolation between it and the one to its right, of the row before.
-        let mut sums = [[0u32; CHANNELS]; CORNERS + 1];
-        for j in 0..=CORNERS {
-            if let Some(row) = j.checked_sub(1) {
-                let mut left = [0; CHANNELS];
-                for (sums, cell) in sums[1..].iter_mut().zip(&cells[row]) {
-                    for ((sum, left), value) in sums.iter_mut().zip(&mut left).zip(cell) {
-                        *left += u32::from(*value);
-                        *sum += *left;
-                    }
-                }
-            }
-            for i in 0..CORNERS {
-                let (left, right) = (&sums[i], &sums[i + 1]);
-                for c in 0..CHANNELS {
-                    let mixed = left[c] * (unit - fx) + right[c] * fx;
-                    // Each corner is a mixture of this row's and the next one's.
-                    if j < CORNERS {
-                        self.corners[(j * CORNERS + i) % ROOM][c] = mixed * (unit - fy);
-                    }
-                    if let Some(row) = j.checked_sub(1) {
-                        self.corners[(row * CORNERS + i) % ROOM][c] += mixed * fy;
-                    }
-                }
-            }
-        }
+        sum_up(&mut self.corners, cells, part);
     }
 
     /// Sum of `channel` over cells of the window, [`PATCH_SCALE`] times. At most 2^19. A number without meaning if there
     /// is no such channel.
     #[inline(always)]
-    pub fn sum(&self, channel: usize, &Region { corners: [a, b, c, d] }: &Region) -> u32 {
-        let at = |corner: u8| self.corners[usize::from(corner) % ROOM][channel % CHANNELS];
-        at(a).wrapping_sub(at(b)).wrapping_sub(at(c)).wrapping_add(at(d))
+    pub fn sum(&self, channel: usize, region: &Region) -> u32 {
+        region.sum(&self.corners, channel)
+    }
+}
+
+/// A summed-area table with one corner more than cells: see [`Patch`].
+pub(super) type Corners = [[u32; CHANNELS]; ROOM];
+
+/// A table of nothing.
+pub(super) const NOTHING: Corners = [[0; CHANNELS]; ROOM];
+
+/// Sums up the window that begins (fx, fy) quarters of a cell right of and below the first corner of `cells`.
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
+fn sum_up(corners: &mut Corners, cells: &Square<CORNERS>, (fx, fy): (u32, u32)) {
+    let unit = SUBCELL as u32;
+    // Of each corner of a row of cells: sums over all cells above and to the left, those of the row before it, and
+    // the interpolation between it and the one to its right, of the row before.
+    let mut sums = [[0u32; CHANNELS]; CORNERS + 1];
+    for j in 0..=CORNERS {
+        if let Some(row) = j.checked_sub(1) {
+            let mut left = [0; CHANNELS];
+            for (sums, cell) in sums[1..].iter_mut().zip(&cells[row]) {
+                for ((sum, left), value) in sums.iter_mut().zip(&mut left).zip(cell) {
+                    *left += u32::from(*value);
+                    *sum += *left;
+                }
+            }
+        }
+        for i in 0..CORNERS {
+            let (left, right) = (&sums[i], &sums[i + 1]);
+            for c in 0..CHANNELS {
+                let mixed = left[c] * (unit - fx) + right[c] * fx;
+                // Each corner is a mixture of this row's and the next one's.
+                if j < CORNERS {
+                    corners[(j * CORNERS + i) % ROOM][c] = mixed * (unit - fy);
+                }
+                if let Some(row) = j.checked_sub(1) {
+                    corners[(row * CORNERS + i) % ROOM][c] += mixed * fy;
+                }
+            }
+        }
     }
 }
 
@@ -106,6 +117,14 @@ pub struct Region {
 impl Region {
     /// All cells.
     pub const WHOLE: Self = Self::new((0, WINDOW as u8), (0, WINDOW as u8));
+
+    /// [`Patch::sum`] of a summed-area table.
+    #[inline(always)]
+    pub(super) fn sum(&self, table: &Corners, channel: usize) -> u32 {
+        let at = |corner: u8| table[usize::from(corner) % ROOM][channel % CHANNELS];
+        let [a, b, c, d] = self.corners;
+        at(a).wrapping_sub(at(b)).wrapping_sub(at(c)).wrapping_add(at(d))
+    }
 
     /// Columns `x.0..x.1` and rows `y.0..y.1`, at most [`WINDOW`].
     #[inline(always)]

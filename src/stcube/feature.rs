@@ -12,9 +12,6 @@ use crate::stcube::cube::{Cube, PATCH_SCALE, Patch, Region, SCALARS};
 /// Fraction bits of a ratio.
 pub const RATIO_BITS: u32 = 10;
 
-/// Added to each denominator, for each slice: keeps noise on plain sky from having an orientation.
-const FLOOR: u32 = 24 * PATCH_SCALE;
-
 /// Bytes of an encoded feature.
 pub const ENCODED: usize = 8;
 
@@ -50,6 +47,9 @@ pub struct Feature {
 }
 
 impl Feature {
+    /// Added to each denominator, for each slice: keeps noise on plain sky from having an orientation.
+    pub(super) const FLOOR: u32 = 24 * PATCH_SCALE;
+
     /// The scalar of that number.
     pub const fn scalar(number: u8) -> Self {
         Self { denominator: Denominator::Scalar, channel: number, x: (0, 1), y: (0, 1), t: (0, 1) }
@@ -99,15 +99,28 @@ impl Feature {
         let own_region = Region::new(self.x, self.y);
         let numerator = sum(from, own_channel, &own_region);
         let denominator = match self.denominator {
-            Denominator::SameBox => sum(own, MAGNITUDE, &own_region) + FLOOR * count,
-            Denominator::Window => sum(own, MAGNITUDE, &Region::WHOLE) + FLOOR * count,
-            Denominator::SameChannel => sum(from, own_channel, &Region::WHOLE) + FLOOR * count,
-            Denominator::Cells | Denominator::Scalar => {
-                let cells = u32::from(self.x.1 - self.x.0) * u32::from(self.y.1 - self.y.0);
-                cells * PATCH_SCALE * count * 4
+            Denominator::SameBox => sum(own, MAGNITUDE, &own_region) + Self::FLOOR * count,
+            Denominator::Window => sum(own, MAGNITUDE, &Region::WHOLE) + Self::FLOOR * count,
+            Denominator::SameChannel => {
+                sum(from, own_channel, &Region::WHOLE) + Self::FLOOR * count
             }
+            Denominator::Cells | Denominator::Scalar => self.cells() * count,
         };
         (numerator, denominator)
+    }
+
+    /// Cells of the box, in the unit of a sum of quarters.
+    #[inline(always)]
+    pub(super) fn cells(&self) -> u32 {
+        u32::from(self.x.1 - self.x.0) * u32::from(self.y.1 - self.y.0) * (4 * PATCH_SCALE)
+    }
+
+    /// Whether a ratio in Q10, rounded down and at most 65535, exceeds `threshold`.
+    #[inline(always)]
+    pub(super) fn ratio_exceeds((numerator, denominator): (u32, u32), threshold: u16) -> bool {
+        threshold != u16::MAX
+            && u64::from(numerator) << RATIO_BITS
+                >= (u64::from(threshold) + 1) * u64::from(denominator)
     }
 
     /// The ratio in Q10, rounded down, at most 65535; a scalar as it is.
@@ -125,10 +138,7 @@ impl Feature {
         scalars: &[u16; SCALARS],
         threshold: u16,
     ) -> bool {
-        let (numerator, denominator) = self.ratio(slices, newest, scalars);
-        threshold != u16::MAX
-            && u64::from(numerator) << RATIO_BITS
-                >= (u64::from(threshold) + 1) * u64::from(denominator)
+        Self::ratio_exceeds(self.ratio(slices, newest, scalars), threshold)
     }
 }
 

@@ -7,4 +7,5 @@
 pub mod compensation;
 pub mod cube;
 pub mod feature;
+pub mod spans;
 pub mod window_flow;

@@ -119,8 +119,8 @@ impl Difference {
         for lag in LAGS {
             let older = Image::packed(&self.older[lag - 1].0, self.width, self.height)
                 .expect("frames are kept whole");
-            warp::warp(older, frame, 0, &motions[..lag], &mut self.warped);
-            warp::temporal_difference(frame, &self.warped, &mut self.difference);
+            warp::warp(older, frame, 0, &motions[..lag], true, &mut self.warped);
+            warp::temporal_difference(frame, &self.warped, true, &mut self.difference);
             for (least, difference) in self.least.iter_mut().zip(&self.difference) {
                 *least = (*least).min(*difference);
             }

@@ -1,5 +1,8 @@
 //! `lookout bench`: how fast the detector is and how much memory it takes.
 
+mod figures;
+mod machine;
+
 use super::error::Error;
 use super::pipeline::scaled::Scaling;
 use super::pipeline::{self, DetectorArgs, Memory, ModelFile};
@@ -8,16 +11,18 @@ use super::sources::Frame;
 use super::support::interrupt::Ended;
 use crate::detector::{Config, Detections, Detector, SLICES, Stage};
 use crate::model::Model;
+use crate::scan::{self, Scratch};
 use crate::shell::pipeline::PipelineError;
 use crate::shell::support::print::print_line;
-use serde::Serialize;
-use std::collections::BTreeMap;
-use std::fmt;
-use std::string::String;
+pub use figures::{Figures, Times};
+use std::format;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::string::{String, ToString};
 use std::time::Instant;
 use std::vec::Vec;
 
-/// What `lookout bench` can be told.
+/// Arguments of `lookout bench`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BenchArgs {
     /// What `replay` takes as INPUT; sim: a simulated flight
@@ -37,6 +42,9 @@ pub struct BenchArgs {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// Figures of another run, as --json printed them, to compare with
+    #[arg(long, value_name = "OTHER.json", conflicts_with = "json")]
+    compare: Option<PathBuf>,
     #[command(flatten)]
     flight: FlightArgs,
 }
@@ -47,49 +55,39 @@ impl BenchArgs {
     }
 }
 
-/// What was measured. Times are medians over the frames of all passes.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Figures {
-    /// One over the median time of a frame.
-    pub frames_per_second: f64,
-    /// Median milliseconds of each stage in a frame.
-    pub stages_ms: BTreeMap<&'static str, f64>,
-    /// All memory of the detector.
-    pub buffer_bytes: usize,
-    /// Frames in a pass.
-    pub frames: usize,
-    /// Times that the detector ran over them.
-    pub passes: u64,
-    /// Pixels in a row.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// Threads the detector could use; 0: one a processor core.
-    pub threads: usize,
-    /// Mean number of windows that the scan looked at in a frame.
-    pub windows_per_frame: f64,
-    /// Mean number of windows that the scan kept in a frame.
-    pub kept_per_frame: f64,
-    /// Mean number of detections in a frame.
-    pub detections_per_frame: f64,
-    /// Candidates or detections that found no room, in all.
-    pub dropped: u64,
-}
-
 /// Measures, and prints the figures.
 ///
 /// # Errors
 /// [`Error`].
 pub fn run(args: &BenchArgs) -> Result<Ended, Error> {
+    // Read first: a mistake in the name is not to cost the time of a measurement.
+    let other = args.compare.as_deref().map(read).transpose()?;
     let model = ModelFile::load(args.detector.model.as_deref())?;
     let model = model.parse()?;
     let figures = pipeline::on_threads(args.threads, || measure(args, &model))??;
     if args.json {
         print_line(&serde_json::to_string(&figures).expect("numbers and names always make JSON"))?;
+    } else if let Some(other) = &other {
+        print_line(&figures.compared(other).to_string())?;
     } else {
-        print_line(&std::format!("{figures}"))?;
+        print_line(&format!("{figures}"))?;
     }
     Ok(Ended::Complete)
+}
+
+/// Figures of another run.
+fn read(path: &Path) -> Result<Figures, Error> {
+    let text = fs::read_to_string(path).map_err(Error::read(path))?;
+    serde_json::from_str(&text)
+        .map_err(|source| Error::verb(NotFigures { path: path.to_path_buf(), source }))
+}
+
+/// A file to compare with that holds no figures.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {source}; give what `lookout bench --json` of this version printed", path.display())]
+struct NotFigures {
+    path: PathBuf,
+    source: serde_json::Error,
 }
 
 fn measure(args: &BenchArgs, model: &Model<'_>) -> Result<Figures, Error> {
@@ -115,7 +113,8 @@ fn measure(args: &BenchArgs, model: &Model<'_>) -> Result<Figures, Error> {
                 .map_err(refused(index as u64 + 1))?;
         }
     }
-    Ok(clock.figures(args, &config, memory.len_bytes(), frames.len()))
+    let trees = trees_per_window(model, &config, &frames, &mut memory);
+    Ok(clock.figures(args, &config, memory.len_bytes(), frames.len(), trees))
 }
 
 fn decode(args: &BenchArgs) -> Result<Vec<Frame>, Error> {
@@ -132,6 +131,33 @@ fn decode(args: &BenchArgs) -> Result<Vec<Frame>, Error> {
         frames.push(seen);
     }
     Ok(frames)
+}
+
+/// Frames in which trees are counted, from the first one on.
+const COUNTED: usize = 30;
+
+/// Mean number of trees of the scan that a window passes until it is rejected, in the first frames. Counted apart from
+/// the measurement: in vector registers windows are not evaluated one by one.
+fn trees_per_window(
+    model: &Model<'_>,
+    config: &Config,
+    frames: &[Frame],
+    memory: &mut Memory,
+) -> f64 {
+    let mut front = config.front();
+    let (bytes, words) = memory.parts();
+    let (mut trees, mut windows) = (0, 0);
+    for frame in frames.iter().take(COUNTED) {
+        let frame = frame.view();
+        front.take(frame, bytes);
+        front.build(frame, bytes, &mut || {});
+        let (pyramid, scratch) = front.pyramid(frame, bytes);
+        let scratch = Scratch { bytes: scratch, words };
+        let counted = scan::count_trees(model.scan(), &pyramid, scratch);
+        trees += counted.0;
+        windows += counted.1;
+    }
+    trees as f64 / (windows as f64).max(1.0)
 }
 
 /// Times of frames and stages in seconds, counts of the first pass.
@@ -186,13 +212,19 @@ impl Clock {
         config: &Config,
         buffers: usize,
         frames: usize,
+        trees_per_window: f64,
     ) -> Figures {
         let a_frame = |count: u64| count as f64 / frames as f64;
+        let frame_ms = Times::of_seconds(&mut self.frames);
+        let stage = |stage: Stage| {
+            (stage.name().to_string(), Times::of_seconds(&mut self.stages[stage as usize]))
+        };
+        let stages: Vec<_> = Stage::ALL.map(stage).into();
         Figures {
-            frames_per_second: 1.0 / median(&mut self.frames).max(1e-9),
-            stages_ms: Stage::ALL
-                .map(|stage| (stage.name(), median(&mut self.stages[stage as usize]) * 1e3))
-                .into(),
+            frames_per_second: 1e3 / frame_ms.median.max(1e-6),
+            frame_ms,
+            stages_ms: stages.iter().map(|(name, times)| (name.clone(), times.median)).collect(),
+            stages_p95_ms: stages.into_iter().map(|(name, times)| (name, times.p95)).collect(),
             buffer_bytes: buffers + size_of::<Detector<'_, '_>>(),
             frames,
             passes: args.passes,
@@ -200,55 +232,20 @@ impl Clock {
             height: config.height,
             threads: args.threads,
             windows_per_frame: a_frame(self.windows),
+            trees_per_window,
             kept_per_frame: a_frame(self.kept),
             detections_per_frame: a_frame(self.found),
             dropped: self.dropped,
+            processor: machine::processor(),
+            instruction_set: scan::lanes::Lanes::fastest().name().to_string(),
+            version: env!("CARGO_PKG_VERSION").to_string(),
         }
-    }
-}
-
-/// The middle one, or the mean of the two in the middle.
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    match values.len() {
-        0 => 0.0,
-        n => values[(n - 1) / 2].midpoint(values[n / 2]),
-    }
-}
-
-impl fmt::Display for Figures {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { width, height, frames, passes, .. } = self;
-        writeln!(
-            f,
-            "{width}x{height}, {frames} frames, {passes} passes, threads: {}",
-            self.threads
-        )?;
-        writeln!(f, "frames a second {:9.1} (median)", self.frames_per_second)?;
-        for stage in Stage::ALL {
-            let time = self.stages_ms.get(stage.name()).copied().unwrap_or_default();
-            writeln!(f, "{:15} {time:9.3} ms", stage.name())?;
-        }
-        writeln!(f, "memory          {:9.1} MB", self.buffer_bytes as f64 / 1e6)?;
-        writeln!(
-            f,
-            "windows a frame {:9.0}, kept {:.1}, detections {:.2}",
-            self.windows_per_frame, self.kept_per_frame, self.detections_per_frame
-        )?;
-        write!(f, "dropped         {:9}", self.dropped)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn medians() {
-        assert_eq!(median(&mut []), 0.0);
-        assert_eq!(median(&mut [3.0, 1.0, 2.0]), 2.0);
-        assert_eq!(median(&mut [4.0, 1.0, 2.0, 9.0]), 3.0);
-    }
 
     #[test]
     fn stages_index_their_own_row() {

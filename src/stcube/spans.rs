@@ -1,0 +1,187 @@
+//! Sums over runs of a cube's slices: a box of a feature then takes four values, whatever slices it spans.
+//!
+//! Without the feature `simd` nothing is summed up: small boards have one slice, and no memory for more.
+
+use crate::stcube::cube::Cube;
+use crate::stcube::feature::Features;
+#[cfg(feature = "simd")]
+use {
+    crate::channels::window::SLICES,
+    crate::channels::{CHANNELS, MAGNITUDE},
+    crate::stcube::cube::{Corners, NOTHING, Region, SCALARS},
+    crate::stcube::feature::{Denominator, Feature},
+};
+
+/// Runs of more than one slice.
+#[cfg(feature = "simd")]
+const RUNS: usize = SLICES * (SLICES - 1) / 2;
+
+/// First and last slice of the runs of more than one slice.
+#[cfg(feature = "simd")]
+const ENDS: [(usize, usize); RUNS] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
+
+/// Number of the table of a run, by its first slice and by the one behind its last, in three bits each: slices, then runs
+/// in the order of [`ENDS`].
+#[cfg(feature = "simd")]
+static TABLES: [u8; 64] = {
+    let mut tables = [0; 64];
+    let mut i = 0;
+    while i < SLICES {
+        tables[i << 3 | (i + 1)] = i as u8;
+        i += 1;
+    }
+    i = 0;
+    while i < RUNS {
+        let (first, last) = ENDS[i];
+        tables[first << 3 | (last + 1)] = (SLICES + i) as u8;
+        i += 1;
+    }
+    tables
+};
+
+/// Number of the table of what the newest frame alone has.
+#[cfg(feature = "simd")]
+const NEWEST: usize = SLICES + RUNS;
+
+/// Room for the tables: a power of two, so that looking one up needs no check.
+#[cfg(feature = "simd")]
+const ROOM: usize = 16;
+
+/// Memory for the sums of a cube.
+#[derive(Debug)]
+pub struct Spans {
+    #[cfg(feature = "simd")]
+    sums: [Corners; RUNS],
+}
+
+/// A cube of which many features are asked.
+#[derive(Debug)]
+pub struct Ready<'a> {
+    cube: &'a Cube,
+    /// Summed-area tables of each run of slices, and of the newest frame.
+    #[cfg(feature = "simd")]
+    tables: [&'a Corners; ROOM],
+    /// Their sums over the whole window.
+    #[cfg(feature = "simd")]
+    whole: [[u32; CHANNELS]; ROOM],
+}
+
+impl Spans {
+    /// Nothing summed up.
+    pub const EMPTY: Self = Self {
+        #[cfg(feature = "simd")]
+        sums: [NOTHING; RUNS],
+    };
+
+    /// Sums `cube` up.
+    pub fn ready<'a>(&'a mut self, cube: &'a Cube) -> Ready<'a> {
+        #[cfg(not(feature = "simd"))]
+        return Ready { cube };
+        #[cfg(feature = "simd")]
+        {
+            for (sum, (first, last)) in self.sums.iter_mut().zip(ENDS) {
+                add_up(&cube.slices.each_ref().map(|patch| &patch.corners), first, last, sum);
+            }
+            let mut tables = [&cube.newest.corners; ROOM];
+            for (table, patch) in tables.iter_mut().zip(&cube.slices) {
+                *table = &patch.corners;
+            }
+            for (table, sum) in tables[SLICES..].iter_mut().zip(&self.sums) {
+                *table = sum;
+            }
+            let whole = tables
+                .map(|table| core::array::from_fn(|channel| Region::WHOLE.sum(table, channel)));
+            Ready { cube, tables, whole }
+        }
+    }
+}
+
+/// The sum of slices `first` to `last`.
+#[cfg(feature = "simd")]
+#[multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
+fn add_up(slices: &[&Corners; SLICES], first: usize, last: usize, sum: &mut Corners) {
+    *sum = *slices[first];
+    for slice in &slices[first + 1..=last] {
+        for (sum, values) in sum.iter_mut().zip(slice.iter()) {
+            for (sum, value) in sum.iter_mut().zip(values) {
+                *sum += value;
+            }
+        }
+    }
+}
+
+impl Ready<'_> {
+    /// Whether feature `number` of the cube exceeds `threshold`.
+    #[inline]
+    pub fn exceeds(&self, features: &Features<'_>, number: u16, threshold: u16) -> bool {
+        #[cfg(feature = "simd")]
+        return self.feature_exceeds(&features.get(number), threshold);
+        #[cfg(not(feature = "simd"))]
+        features.exceeds(number, threshold, self.cube)
+    }
+
+    /// [`Feature::exceeds`] of the cube.
+    #[cfg(feature = "simd")]
+    #[inline]
+    fn feature_exceeds(&self, feature: &Feature, threshold: u16) -> bool {
+        let channel = usize::from(feature.channel);
+        if feature.denominator == Denominator::Scalar {
+            return self.cube.scalars[channel % SCALARS] > threshold;
+        }
+        let run = usize::from(feature.t.0 << 3 | feature.t.1);
+        let own = usize::from(TABLES[run % 64]) % ROOM;
+        let count = u32::from(feature.t.1.wrapping_sub(feature.t.0));
+        let from = if channel < CHANNELS { own } else { NEWEST };
+        let region = Region::new(feature.x, feature.y);
+        let numerator = region.sum(self.tables[from], channel % CHANNELS);
+        let over = |energy: u32| energy + Feature::FLOOR * count;
+        let denominator = match feature.denominator {
+            Denominator::SameBox => over(region.sum(self.tables[own], MAGNITUDE)),
+            Denominator::Window => over(self.whole[own][MAGNITUDE]),
+            Denominator::SameChannel => over(self.whole[from][channel % CHANNELS]),
+            Denominator::Cells | Denominator::Scalar => feature.cells() * count,
+        };
+        Feature::ratio_exceeds((numerator, denominator), threshold)
+    }
+}
+
+#[cfg(all(test, feature = "simd"))]
+mod tests {
+    use super::*;
+    use crate::channels::Square;
+    use crate::stcube::feature::ENCODED;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn spans_exceed_as_slices_do(
+            seed: u32, few: bool, scalars: [u16; SCALARS], thresholds in prop::collection::vec(any::<u16>(), 40),
+            bytes in prop::collection::vec(prop::array::uniform8(0..11u8), 40..400),
+        ) {
+            let mut cube = Cube::EMPTY;
+            let fill = |k: usize| -> Square<11> {
+                let value = |n: usize| (((n * 8 + k) as u32 ^ seed).wrapping_mul(2_654_435_761) >> 24) as u8;
+                core::array::from_fn(|j| core::array::from_fn(|i| core::array::from_fn(|c| {
+                    value((j * 11 + i) * 8 + c) / if few { 100 } else { 1 }
+                })))
+            };
+            for (k, patch) in cube.slices.iter_mut().chain([&mut cube.newest]).enumerate() {
+                patch.fill(&fill(k));
+            }
+            cube.scalars = scalars;
+            let mut spans = Spans::EMPTY;
+            let ready = spans.ready(&cube);
+            for bytes in bytes {
+                let [kind, channel, x0, x1, y0, y1, t0, t1] = bytes;
+                let encoded: [u8; ENCODED] = [kind % 5, channel + (x0 % 2) * 5, x0, x1, y0, y1, t0 % 4, t1 % 5];
+                let Some(feature) = Feature::decode(&encoded) else { continue };
+                let value = feature.value(&cube.slices, &cube.newest, &cube.scalars);
+                let around = [value.saturating_sub(1), value, value.saturating_add(1), 0, u16::MAX];
+                for threshold in thresholds.iter().copied().chain(around) {
+                    let want = feature.exceeds(&cube.slices, &cube.newest, &cube.scalars, threshold);
+                    prop_assert_eq!(ready.feature_exceeds(&feature, threshold), want, "{:?} {}", feature, threshold);
+                }
+            }
+        }
+    }
+}
