@@ -12,7 +12,7 @@ use crate::channels::{Difference, Slice, Square};
 use crate::image::gradient::CELL;
 use crate::image::{Image, Rect};
 use crate::math::fixed::exp2_q16;
-use crate::stcube::cube::{Cube, SCALARS};
+use crate::stcube::cube::{Cube, SCALARS, Scalar};
 use crate::stcube::feature::Features;
 use crate::trees::Forest;
 use fixed::types::I28F4;
@@ -228,7 +228,7 @@ pub fn cut(pyramid: &Pyramid<'_>, rect: &Rect, cube: &mut Cube) -> Rect {
     let rect = bounded(rect);
     let shorter = rect.width.min(rect.height).to_bits();
     cube.scalars = [0; SCALARS];
-    cube.scalars[0] = (shorter >> 2) as u16;
+    cube.set(Scalar::SHORTER_SIDE, (shorter >> 2) as u16);
     // The coarsest level that is not coarser than the window, whose pixels are a tenth of the box.
     let step = (i64::from(shorter) << 12) / (BOX_CELLS * CELL) as i64;
     let fine = |level: &Level| i64::from(level.scale) <= step;

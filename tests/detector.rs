@@ -3,12 +3,13 @@
 mod common;
 
 use common::golden::{CONFIG, draw};
-use common::{keen_model, look, memory, model, watch};
+use common::{METHOD, keen_model, look, memory, model, trained_with, watch};
 use lookout::detector::{
     Buffers, Config, Detections, Detector, Error, History, MAX_CANDIDATES, MAX_DETECTIONS,
+    MAX_GAP_US,
 };
 use lookout::image::Image;
-use lookout::model::Model;
+use lookout::model::{Method, Model};
 use lookout::stcube::compensation::Alignment;
 use proptest::prelude::*;
 
@@ -42,7 +43,9 @@ fn a_frame_of_another_size_changes_nothing() {
     let pixels = vec![77; CONFIG.width * CONFIG.height];
     for (width, height) in [(CONFIG.height, CONFIG.width), (CONFIG.width, 1), (0, 0)] {
         let frame = Image::packed(&pixels, width, height).unwrap();
-        let error = detector.process(frame, 0).unwrap_err();
+        let mut untouched = found[0].clone();
+        let error = detector.process(frame, 0, &mut untouched).unwrap_err();
+        assert_eq!(untouched, found[0]);
         assert_eq!(error, Error::FrameSize { width, height });
     }
     found.extend(look(&mut detector, CONFIG, 4, 5));
@@ -67,7 +70,9 @@ fn padding_does_not_matter() {
                     row[..width].copy_from_slice(packed);
                 }
                 let frame = Image::new(&pixels, width, height, stride).unwrap();
-                detector.process(frame, 0).unwrap()
+                let mut detections = Detections::default();
+                detector.process(frame, i64::from(number) * 33_333, &mut detections).unwrap();
+                detections
             })
             .collect()
     };
@@ -99,7 +104,7 @@ fn memory_comes_back_and_may_be_dirty() {
 
 #[test]
 fn what_finds_no_room_is_counted() {
-    let config = Config { candidates: usize::MAX, ..Config::new(320, 240) };
+    let config = Config { candidates: usize::MAX, ..Config::for_method(METHOD, 320, 240) };
     for detections in watch(&keen_model(), config, 0, 2) {
         assert_eq!(detections.kept, detections.windows, "the scan keeps every window");
         assert_eq!(detections.proposals.len(), MAX_CANDIDATES);
@@ -121,21 +126,90 @@ fn what_finds_no_room_is_counted() {
 #[test]
 fn room_for_levels_in_parallel_changes_nothing() {
     for history in [History::Full, History::Half] {
-        let config = Config { history, ..CONFIG };
+        let method = Method { history, ..METHOD };
+        let config = Config { method, ..CONFIG };
+        let model = trained_with(model(), method);
         let alone = Config { parallel: false, ..config };
         assert!(alone.bytes_len() < config.bytes_len() && alone.words_len() < config.words_len());
-        assert_eq!(watch(&model(), alone, 9, 6), watch(&model(), config, 0, 6));
+        assert_eq!(watch(&model, alone, 9, 6), watch(&model, config, 0, 6));
     }
 }
 
 #[test]
 fn half_a_history_finds_what_moves() {
-    let config = Config { history: History::Half, ..CONFIG };
+    let method = Method { history: History::Half, ..METHOD };
+    let config = Config { method, ..CONFIG };
     assert!(3 * config.bytes_len() < CONFIG.bytes_len());
-    let found = watch(&model(), config, 0, 12);
+    let model = trained_with(model(), method);
+    let found = watch(&model, config, 0, 12);
     assert!(found.iter().any(|d| !d.list.is_empty()), "nothing was found");
-    let still = Config { temporal: false, ..config };
-    assert_ne!(watch(&model(), still, 0, 12), found, "no difference was seen");
+    let still = Config { method: Method { temporal: false, ..method }, ..config };
+    assert_ne!(watch(&model, still, 0, 12), found, "no difference was seen");
+}
+
+#[test]
+fn a_model_and_a_configuration_that_disagree_are_refused() {
+    let mini = include_bytes!("../models/lookout-mini.lkm");
+    let mini = Model::parse(mini).unwrap();
+    let file = model();
+    let own = Model::parse(&file).unwrap();
+    let less = Method { registration: false, temporal: false, stcube: false, ..METHOD };
+    let poor = trained_with(model(), less);
+    let poor = Model::parse(&poor).unwrap();
+    for (model, method, fits) in [
+        (&own, METHOD, true),
+        (&own, less, true),
+        (&own, Method { alignment: Alignment::Background, ..METHOD }, true),
+        (&own, Method { alignment: Alignment::Flow, ..METHOD }, false),
+        (&own, Method { scales_per_octave: 1, ..METHOD }, false),
+        (&own, Method { history: History::Half, ..METHOD }, false),
+        (&mini, METHOD, false),
+        (&mini, mini.method(), true),
+        (&poor, METHOD, false),
+        (&poor, less, true),
+    ] {
+        let config = Config { method, ..CONFIG };
+        let (mut bytes, mut words) = memory(&config, 0);
+        let made = Detector::new(model, config, Buffers { bytes: &mut bytes, words: &mut words });
+        assert_eq!(made.err(), (!fits).then_some(Error::ModelMismatch), "{method:?}");
+    }
+}
+
+#[test]
+fn a_gap_or_a_step_backwards_starts_anew() {
+    let file = model();
+    let parsed = Model::parse(&file).unwrap();
+    let fresh = watch(&file, CONFIG, 0, 6);
+    assert!(fresh[0].restarted && fresh[1..].iter().all(|d| !d.restarted));
+    assert!(fresh.iter().any(|d| !d.list.is_empty()), "nothing to compare");
+    for start in [-1, i64::MIN, 5 * 33_333 + MAX_GAP_US + 1, i64::MAX - 200_000] {
+        let (mut bytes, mut words) = memory(&CONFIG, 0);
+        let buffers = Buffers { bytes: &mut bytes, words: &mut words };
+        let mut detector = Detector::new(&parsed, CONFIG, buffers).unwrap();
+        look(&mut detector, CONFIG, 0, 6);
+        let mut pixels = vec![0; CONFIG.width * CONFIG.height];
+        let mut detections = Detections::default();
+        for (number, expected) in fresh.iter().enumerate() {
+            draw(number as u32, CONFIG.width, &mut pixels);
+            let frame = Image::packed(&pixels, CONFIG.width, CONFIG.height).unwrap();
+            let time = start.saturating_add(33_333 * number as i64);
+            detector.process(frame, time, &mut detections).unwrap();
+            assert_eq!(&detections, expected, "frame {number} from {start}");
+        }
+    }
+    // The longest gap, and a time that stands still, go on.
+    let (mut bytes, mut words) = memory(&CONFIG, 0);
+    let buffers = Buffers { bytes: &mut bytes, words: &mut words };
+    let mut detector = Detector::new(&parsed, CONFIG, buffers).unwrap();
+    let pixels = vec![9; CONFIG.width * CONFIG.height];
+    let mut restarted = |time| {
+        let frame = Image::packed(&pixels, CONFIG.width, CONFIG.height).unwrap();
+        let mut detections = Detections::default();
+        detector.process(frame, time, &mut detections).unwrap();
+        detections.restarted
+    };
+    let times = [0, 0, MAX_GAP_US, 2 * MAX_GAP_US + 1, 2 * MAX_GAP_US];
+    assert_eq!(times.map(&mut restarted), [true, false, false, true, true]);
 }
 
 #[test]
@@ -178,7 +252,7 @@ proptest! {
             prop_oneof![0..60usize, Just(usize::MAX >> 17), Just(1 << 20), Just(usize::MAX)],
             prop_oneof![0..200usize, Just(1 << 20), Just(usize::MAX)],
         ),
-        scales_per_octave in prop_oneof![0..6usize, Just(usize::MAX)],
+        scales_per_octave in 1..=4u8,
         candidates in prop_oneof![0..64usize, Just(usize::MAX)],
         threshold in prop_oneof![Just(i32::MIN), any::<i32>(), Just(i32::MAX)],
         [registration, temporal, trace, fit, stcube, persistence, keen, parallel] in any::<[bool; 8]>(),
@@ -187,20 +261,23 @@ proptest! {
         kinds in any::<[u8; 4]>(),
         seed: u32,
     ) {
-        let config = Config {
-            width, height, min_target, max_target, threshold, scales_per_octave, candidates,
-            history, parallel, registration, temporal, alignment, trace, fit, stcube, persistence,
+        let method = Method {
+            registration, temporal, alignment, stcube, persistence, scales_per_octave, history,
         };
-        let file = if keen { keen_model() } else { model() };
+        let config = Config {
+            width, height, min_target, max_target, threshold, candidates, parallel, method, trace, fit,
+        };
+        let file = trained_with(if keen { keen_model() } else { model() }, method);
         let parsed = Model::parse(&file).unwrap();
         let (mut bytes, mut words) = memory(&config, 7);
         let buffers = Buffers { bytes: &mut bytes, words: &mut words };
         let mut detector = Detector::new(&parsed, config, buffers).unwrap();
+        let mut detections = Detections::default();
         for (number, kind) in kinds.into_iter().enumerate() {
             let pixels = noise(width * height, seed.wrapping_add(number as u32), kind % 4);
             let frame = Image::packed(&pixels, width, height).unwrap();
             let time = if number == 2 { i64::MIN } else { i64::MAX };
-            let detections = detector.process(frame, time).unwrap();
+            detector.process(frame, time, &mut detections).unwrap();
             prop_assert!(detections.kept <= detections.windows);
             prop_assert!(detections.list.iter().all(|d| d.score >= threshold));
         }

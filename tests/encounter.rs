@@ -100,8 +100,9 @@ fn a_collision_from_pixels_to_datagrams() {
             }
         }
     };
+    let mut found = Detections::default();
     while source.next_frame(&mut frame).unwrap() {
-        let found = detector.process(frame.view(), frame.time_us).unwrap();
+        detector.process(frame.view(), frame.time_us, &mut found).unwrap();
         until(&mut now, frame.time_us + LATENCY_US, &mut onboard);
         let traffic = onboard.see(&found, frame.time_us, now);
         levels.push(traffic.iter().map(|traffic| traffic.level).max().unwrap_or_default());

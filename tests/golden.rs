@@ -3,8 +3,8 @@
 mod common;
 
 use common::golden::{CONFIG, DIGEST, FRAMES, MODEL, digest};
+use lookout::channels::method::{Alignment, Method};
 use lookout::detector::{Buffers, Config};
-use lookout::stcube::compensation::Alignment;
 
 #[test]
 fn the_model_is_the_one_put_together_by_hand() {
@@ -28,14 +28,15 @@ fn digest_of_the_detections() {
 
 #[test]
 fn every_part_has_a_say_in_the_digest() {
+    let parts = |method| Config { method, ..CONFIG };
     let runs = common::watch(MODEL, CONFIG, 0, FRAMES);
     assert!(runs.iter().filter(|d| d.registered).count() > FRAMES as usize / 2);
     assert!(runs.iter().any(|d| d.dropped > 0));
     for other in [
-        Config { registration: false, ..CONFIG },
-        Config { temporal: false, ..CONFIG },
-        Config { alignment: Alignment::Background, ..CONFIG },
-        Config { stcube: false, ..CONFIG },
+        parts(Method { registration: false, ..CONFIG.method }),
+        parts(Method { temporal: false, ..CONFIG.method }),
+        parts(Method { alignment: Alignment::Background, ..CONFIG.method }),
+        parts(Method { stcube: false, ..CONFIG.method }),
         Config { fit: false, ..CONFIG },
     ] {
         assert_ne!(common::watch(MODEL, other, 0, FRAMES), runs, "{other:?}");

@@ -14,7 +14,7 @@ const MODEL: &[u8] = include_bytes!("../models/lookout-mini.lkm");
 
 /// All that firmware needs to know.
 const CONFIG: Config = match Method::of_header(MODEL) {
-    Some(method) => Config::of_method(SIZE.0, SIZE.1, method),
+    Some(method) => Config::for_method(method, SIZE.0, SIZE.1),
     None => panic!("the header names no method"),
 };
 
@@ -32,8 +32,8 @@ fn the_model_is_for_small_boards() {
     let model = Model::parse(MODEL).unwrap();
     assert_eq!(Some(model.method()), Method::of_header(MODEL));
     assert_eq!(model.method().history, History::Half);
-    let Config { parallel, trace, history, .. } = CONFIG;
-    assert_eq!((parallel, trace, history), (false, false, History::Half));
+    let Config { parallel, trace, method, .. } = CONFIG;
+    assert_eq!((parallel, trace, method.history), (false, false, History::Half));
 }
 
 /// Detections of frames drawn by [`draw`], and windows that the scan kept.
@@ -47,7 +47,9 @@ fn watch(config: Config, dirt: u8) -> (Vec<lookout::detector::Detections>, u32) 
         .map(|number| {
             draw(number, SIZE.0, &mut pixels);
             let frame = Image::packed(&pixels, SIZE.0, SIZE.1).unwrap();
-            detector.process(frame, i64::from(number) * 33_333).unwrap()
+            let mut detections = lookout::detector::Detections::default();
+            detector.process(frame, i64::from(number) * 33_333, &mut detections).unwrap();
+            detections
         })
         .collect();
     let kept = found.iter().map(|d| d.kept).sum();

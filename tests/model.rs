@@ -54,7 +54,7 @@ fn apply(bytes: &mut Vec<u8>, change: &Change) {
 
 /// Three frames of a moving scene through a detector of `model`.
 fn run(model: &Model<'_>) {
-    let config = Config { min_target: 10, max_target: 20, ..Config::new(64, 48) };
+    let config = Config { max_target: 20, ..Config::for_model(model, 64, 48) };
     let (mut bytes, mut words) = common::memory(&config, 0);
     let buffers = Buffers { bytes: &mut bytes, words: &mut words };
     let mut detector = Detector::new(model, config, buffers).unwrap();

@@ -2,7 +2,7 @@
 
 mod common;
 
-use lookout::detector::{Buffers, Config, Detector};
+use lookout::detector::{Buffers, Config, Detections, Detector};
 use lookout::image::Image;
 use lookout::model::Model;
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -35,10 +35,11 @@ static ALLOCATOR: Counting = Counting;
 
 /// Allocations during 12 frames, and detections and windows kept.
 fn watch(model: &[u8]) -> (usize, usize, u32) {
-    let config = Config::new(320, 240);
-    let (mut bytes, mut words) = common::memory(&config, 0);
-    let mut pixels = vec![0; config.width * config.height];
     let model = Model::parse(model).unwrap();
+    let config = Config::for_model(&model, 320, 240);
+    let (mut bytes, mut words) = common::memory(&config, 0);
+    let mut detections = Detections::default();
+    let mut pixels = vec![0; config.width * config.height];
     let buffers = Buffers { bytes: &mut bytes, words: &mut words };
     let mut detector = Detector::new(&model, config, buffers).unwrap();
     let before = COUNT.get();
@@ -46,7 +47,7 @@ fn watch(model: &[u8]) -> (usize, usize, u32) {
     for number in 0..12 {
         common::golden::draw(number, config.width, &mut pixels);
         let frame = Image::packed(&pixels, config.width, config.height).unwrap();
-        let detections = detector.process(frame, i64::from(number) * 33_333).unwrap();
+        detector.process(frame, i64::from(number) * 33_333, &mut detections).unwrap();
         found += detections.list.len();
         kept += detections.kept;
     }

@@ -4,6 +4,7 @@
 //! that remain to older frames, and fills the pictures that the scan and the st-cubes read.
 
 use crate::channels::history::{FARTHEST, History, Ring};
+use crate::channels::method::Method;
 use crate::channels::scale_space::{self, Geometry, Halvings, Picture, Pictures, Pyramid};
 use crate::channels::window::SLICES;
 use crate::channels::{Newest, Slice};
@@ -29,21 +30,12 @@ pub struct Slices<'a> {
     pub scale: u32,
 }
 
-/// Which parts of the front end are on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Parts {
-    /// Align older frames to the newest one by the background's motion.
-    pub registration: bool,
-    /// Fill the temporal-difference channels; they are 0 otherwise.
-    pub temporal: bool,
-}
-
 /// Frames in, channels out. Its memory is the caller's and passed to each call.
 #[derive(Debug, Clone)]
 pub struct FrontEnd {
     width: usize,
     height: usize,
-    parts: Parts,
+    method: Method,
     geometry: Geometry,
     /// Motion from the frame k ago to the one before it.
     motions: [Motion; FARTHEST],
@@ -76,12 +68,12 @@ const fn coarse_len(width: usize, height: usize) -> usize {
 
 impl FrontEnd {
     /// For frames of `width` x `height` and the levels of `geometry`, which must be of the same size; no frame seen.
-    pub const fn new(width: usize, height: usize, geometry: Geometry, parts: Parts) -> Self {
+    pub const fn new(width: usize, height: usize, geometry: Geometry, method: Method) -> Self {
         let history = geometry.history();
         Self {
             width,
             height,
-            parts,
+            method,
             geometry,
             motions: [Motion::IDENTITY; FARTHEST],
             seen: 0,
@@ -123,6 +115,12 @@ impl FrontEnd {
         age.min(self.seen.saturating_sub(1))
     }
 
+    /// Forgets the frames seen.
+    pub fn restart(&mut self) {
+        self.motions = [Motion::IDENTITY; FARTHEST];
+        self.seen = 0;
+    }
+
     /// Whether the background's motion to the frame before could be measured.
     pub fn registered(&self) -> bool {
         self.motions[0].is_valid()
@@ -155,7 +153,7 @@ impl FrontEnd {
         let (quarter, eighth) = coarse_half.split_at_mut(pixels(width, height, 2));
         pyramid::halve(picture(half, width, height, 1), quarter);
         pyramid::halve(picture(quarter, width, height, 2), eighth);
-        if self.parts.registration {
+        if self.method.registration {
             let motion = if self.seen > 1 {
                 let [new, old] = [0, 1].map(|age| self.coarse_frames(halves, coarse, age));
                 let search = match self.geometry.history() {
@@ -207,7 +205,7 @@ impl FrontEnd {
         let Divided { frames, halves, coarse, levels, scratch } = self.divide(bytes);
         if !geometry.levels().is_empty() {
             let kinds = [Picture::Far, Picture::Near, Picture::Plain];
-            if self.parts.temporal && self.seen > 1 {
+            if self.method.temporal && self.seen > 1 {
                 let octave = geometry.history().octave();
                 // A half history is for processors with one core.
                 let parallel = geometry.history() == History::Full;

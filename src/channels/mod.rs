@@ -6,6 +6,7 @@
 
 pub mod front_end;
 pub mod history;
+pub mod method;
 pub mod scale_space;
 pub mod window;
 

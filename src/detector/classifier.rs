@@ -1,4 +1,4 @@
-//! The verdict on a candidate: its st-cube, a score, a box (level 7).
+//! Second stage: the st-cube of a proposal is scored, and its box predicted and refined.
 
 use crate::boxes::Fit;
 use crate::channels::front_end::FrontEnd;
@@ -10,12 +10,13 @@ use crate::detector::detection::{Detection, SHIFTS, Shift};
 use crate::image::Rect;
 use crate::image::gradient::CELL;
 use crate::math::fixed::exp2_q16;
-use crate::model::Model;
+use crate::model::{Method, Model};
 use crate::scan::cascade::Candidate;
 use crate::scan::window;
 use crate::stcube::compensation::{self, Alignment, Path};
-use crate::stcube::cube::{Cube, SCALARS};
+use crate::stcube::cube::{Cube, SCALARS, Scalar};
 use crate::stcube::spans::{Ready, Spans};
+#[cfg(feature = "std")]
 use crate::stcube::window_flow;
 use core::cmp::Reverse;
 use fixed::types::I28F4;
@@ -25,21 +26,21 @@ const _: () = assert!(SHIFTS == SLICES - 1);
 /// Farthest that a box's centre may be from its window's, in cells, Q8.
 const FARTHEST_CENTRE: i32 = (WINDOW as i32) << 8;
 
-/// Looks that a detection's score and box are the means of: so many levels coarser. Looks to the side as well gained
-/// nothing that could be told from chance, at twice the time; nor did fitting the box before these looks too (AveP at IoU
-/// 0.5 / 0.3 on airborne flights held back 0.599 / 0.732 instead of 0.597 / 0.730).
-const LOOKS: [isize; 3] = [0, -1, 1];
+/// Level offsets at which a detection is re-evaluated; score and box are the mean over them. Windows to the side as well
+/// gained nothing at twice the time; nor did refining the box before (AveP at IoU 0.5 / 0.3 on held-back airborne flights
+/// 0.599 / 0.732 instead of 0.597 / 0.730).
+const REFINE_LEVELS: [isize; 3] = [0, -1, 1];
 
-/// A candidate with its verdict.
+/// A proposal and its detection.
 #[derive(Debug, Clone, Copy)]
-pub struct Judged {
-    /// The candidate.
+pub struct Scored {
+    /// The proposal.
     pub candidate: Candidate,
-    /// What was made of it.
+    /// Its box and score.
     pub detection: Detection,
 }
 
-impl Judged {
+impl Scored {
     /// Surest first; ties by place, so that the order is the same on every machine.
     pub fn rank(&self) -> impl Ord + use<> {
         let Detection { rect, score, .. } = self.detection;
@@ -47,55 +48,53 @@ impl Judged {
     }
 }
 
-/// What candidates are judged by.
+/// The classifier of st-cubes on the newest frame.
 #[derive(Debug, Clone, Copy)]
-pub struct Judge<'a> {
+pub struct CubeClassifier<'a> {
     /// The model.
     pub model: &'a Model<'a>,
-    /// What the older slices of a cube follow.
-    pub alignment: Alignment,
+    /// Parts of the method in use.
+    pub method: Method,
     /// Whether Algorithm 1 follows a detection through the slices where the cube's own slices do not.
     pub trace: bool,
-    /// What fits boxes to objects, where boxes are to be fitted.
-    pub fit: Option<&'a Fit<'a>>,
-    /// Whether the cube gives the score; otherwise the scan's own stands.
-    pub stcube: bool,
+    /// Whether boxes are refined, where the model can.
+    pub fit: bool,
     /// The front end after the newest frame.
     pub front: &'a FrontEnd,
-    /// The levels.
+    /// The levels of the newest frame.
     pub pyramid: Pyramid<'a>,
 }
 
-impl Judge<'_> {
-    /// Judges a candidate by its cube and gives it a box; `None` if it is rejected.
+impl CubeClassifier<'_> {
+    /// Scores a proposal by its cube and predicts its box; `None` if the cascade rejects it.
     #[inline(never)]
-    pub fn candidate(&self, candidate: &Candidate, cube: &mut Cube) -> Option<Judged> {
+    pub fn classify(&self, candidate: &Candidate, cube: &mut Cube) -> Option<Scored> {
         let path = self.cut(candidate, window(candidate), cube);
         let mut spans = Spans::EMPTY;
         let cube = &spans.ready(cube);
         let test = |feature, threshold| self.test(feature, threshold, cube);
-        let score = if self.stcube { self.model.cube().cascade(test)? } else { candidate.score };
+        let score =
+            if self.method.stcube { self.model.cube().cascade(test)? } else { candidate.score };
         let detection = self.detection(candidate, &path, cube, score);
-        Some(Judged { candidate: *candidate, detection })
+        Some(Scored { candidate: *candidate, detection })
     }
 
-    /// Looks again where the box is, on the level that suits its size, then around that place: boxes are most exact for
-    /// centred targets, and the mean of several looks is surer than any of them. Score and box become the means; the
-    /// box is then fitted.
+    /// Re-evaluates a detection centred on its box, on the level nearest to its size and on its neighbours. Boxes are most
+    /// exact for centred targets; score and box become means over the levels, then the box is refined ([`Fit::fit`]).
     #[inline(never)]
-    pub fn refine(&self, judged: &mut Judged, cube: &mut Cube) {
-        let Judged { candidate, detection } = *judged;
+    pub fn refine(&self, judged: &mut Scored, cube: &mut Cube) {
+        let Scored { candidate, detection } = *judged;
         let Some(level) = self.level_of(&detection.rect) else { return };
-        let centred = self.look(&candidate, &detection.rect, level, cube);
+        let centred = self.reevaluate(&candidate, &detection.rect, level, cube);
         let Some(level) = self.level_of(&centred.rect) else { return };
         let mut score = i64::from(detection.score);
         let (mut sums, mut looks) = ([0i64; 4], 0u32);
-        for step in LOOKS {
+        for step in REFINE_LEVELS {
             let Some(level) = level.checked_add_signed(step) else { continue };
             if !self.pyramid.levels().get(level).is_some_and(|l| l.active) {
                 continue;
             }
-            let again = self.look(&candidate, &centred.rect, level, cube);
+            let again = self.reevaluate(&candidate, &centred.rect, level, cube);
             score += i64::from(again.score);
             let Rect { x, y, width, height } = again.rect;
             for (sum, value) in sums.iter_mut().zip([x + width / 2, y + height / 2, width, height])
@@ -107,12 +106,17 @@ impl Judge<'_> {
         let [x, y, width, height] =
             sums.map(|sum| I28F4::from_bits(sum.div_euclid(i64::from(looks.max(1))) as i32));
         let rect = Rect { x: x - width / 2, y: y - height / 2, width, height };
-        let rect = self.fit.map_or(rect, |fit| fit.fit(rect, &self.pyramid, cube));
+        let rect = self.fit().map_or(rect, |fit| fit.fit(rect, &self.pyramid, cube));
         let score = score.div_euclid(i64::from(looks) + 1) as i32;
         judged.detection = Detection { rect, score, ..centred };
-        if self.trace && self.alignment != Alignment::Regressors {
+        if self.trace && self.method.alignment != Alignment::Regressors {
             self.trace(&mut judged.detection, cube);
         }
+    }
+
+    /// The box refinement, if it is on and the model has one.
+    fn fit(&self) -> Option<&Fit<'_>> {
+        self.model.fit().filter(|_| self.fit)
     }
 
     /// Follows the object in a detection's box back through the slices by Algorithm 1: its shifts.
@@ -136,15 +140,22 @@ impl Judge<'_> {
         levels.min_by_key(|(_, l)| distance(l.target_q4())).map(|(number, _)| number)
     }
 
-    /// Looks at the middle of `rect` on another level.
-    fn look(&self, candidate: &Candidate, rect: &Rect, level: usize, cube: &mut Cube) -> Detection {
+    /// Evaluates the window at the centre of `rect` on a level.
+    fn reevaluate(
+        &self,
+        candidate: &Candidate,
+        rect: &Rect,
+        level: usize,
+        cube: &mut Cube,
+    ) -> Detection {
         let at = Position::centred(centre(rect), self.pyramid.levels()[level].scale);
         let candidate = Candidate { level: level as u8, ..*candidate };
         let path = self.cut(&candidate, at, cube);
         let mut spans = Spans::EMPTY;
         let cube = &spans.ready(cube);
         let test = |feature, threshold| self.test(feature, threshold, cube);
-        let score = if self.stcube { self.model.cube().score(test) } else { candidate.score };
+        let score =
+            if self.method.stcube { self.model.cube().score(test) } else { candidate.score };
         self.detection(&candidate, &path, cube, score)
     }
 
@@ -159,16 +170,21 @@ impl Judge<'_> {
     pub fn cut(&self, candidate: &Candidate, start: Position, cube: &mut Cube) -> Path {
         let level = &self.pyramid.level(usize::from(candidate.level));
         cube.scalars = [0; SCALARS];
-        cube.scalars[0] = candidate.score.saturating_add(32768).clamp(0, 65535) as u16;
-        cube.scalars[1] = (level.level.target_q4() >> 4) as u16;
-        cube.scalars[2] = u16::from(self.front.registered());
+        let score = candidate.score.saturating_add(32768).clamp(0, 65535) as u16;
+        cube.set(Scalar::SCAN_SCORE, score);
+        cube.set(Scalar::TARGET_LENGTH, (level.level.target_q4() >> 4) as u16);
+        cube.set(Scalar::REGISTERED, u16::from(self.front.registered()));
         let slices = self.front.slices(level);
-        match self.alignment {
+        match self.method.alignment {
             Alignment::Background => compensation::compensate(&slices, None, start, cube),
             Alignment::Regressors => {
                 compensation::compensate(&slices, Some(self.model.regressors()), start, cube)
             }
+            #[cfg(feature = "std")]
             Alignment::Flow => window_flow::follow(&slices, &self.pyramid.frames(), start, cube),
+            // `Detector::new` refuses it: the comparison is no part of the firmware.
+            #[cfg(not(feature = "std"))]
+            Alignment::Flow => compensation::compensate(&slices, None, start, cube),
         }
     }
 

@@ -1,11 +1,15 @@
-//! The detector: frames in, detections out (level 8).
+//! The detector: frames in, detections out.
+//!
+//! In: grey frames of one camera and their times, a checked model, memory. Out: boxes with scores. Imports every folder
+//! above it in ARCHITECTURE.md's table of layers; each stage is one of those folders.
 
 pub mod classifier;
 pub mod detection;
 pub mod digest;
 pub mod temporal_score;
 
-use crate::channels::front_end::{FrontEnd, Parts};
+use crate::channels::front_end::FrontEnd;
+use crate::channels::method::Alignment;
 use crate::channels::scale_space::Geometry;
 use crate::image::nms;
 use crate::image::{Image, Rect};
@@ -14,9 +18,8 @@ use crate::model::{Method, Model};
 use crate::registration::global_motion::Motion;
 use crate::scan::cascade::Candidate;
 use crate::scan::{self, Counts, Scratch, window};
-use crate::stcube::compensation::Alignment;
 use crate::stcube::cube::Cube;
-use classifier::{Judge, Judged};
+use classifier::{CubeClassifier, Scored};
 use temporal_score::Persistence;
 
 pub use crate::channels::history::History;
@@ -27,7 +30,7 @@ pub use detection::{Detection, Shift};
 /// Most detections of one frame.
 pub const MAX_DETECTIONS: usize = 64;
 
-/// Most detections of a frame that are looked at again, the surest ones, with a full history and with a half one.
+/// Detections that are refined per frame, the best ones, by [`History`].
 const MAX_REFINED: [usize; 2] = [10, 3];
 
 /// Candidates that one thread judges at a time.
@@ -36,84 +39,60 @@ const PIECE: usize = 4;
 /// Overlap (IoU, Q8) above which the weaker of two detections goes.
 const DETECTION_OVERLAP: u8 = 64;
 
-/// What the detector is to look for, and with which parts. `const`-constructible.
+/// Range of target sizes in pixels along the longer side: what [`Config`] covers unless told otherwise. A frame that is too
+/// small for the largest of them is searched up to its own size.
+pub const TARGETS: (usize, usize) = (10, 240);
+
+/// Longest time between two frames of one history, microseconds: [`Detector::process`].
+pub const MAX_GAP_US: i64 = 1_000_000;
+
+/// Frame size, range of targets and switches of a detector. Made for a model by [`Config::for_model`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Config {
     /// Width of the frames in pixels.
     pub width: usize,
     /// Height of the frames in pixels.
     pub height: usize,
-    /// Smallest target to look for, in pixels of the frame along its longer side.
+    /// Smallest target to find, pixels of the frame along its longer side.
     pub min_target: usize,
-    /// Largest target to look for, in pixels.
+    /// Largest target to find, pixels.
     pub max_target: usize,
-    /// Detections below this score are not reported (units of `Detection::score`).
+    /// Least score of a detection that is reported, Q16 log-odds as [`Detection::score`].
     pub threshold: i32,
-    /// Levels of the pyramid for each doubling of the target's size, 1 to 4.
-    pub scales_per_octave: usize,
-    /// Windows of the scan that are judged by their st-cube, the best ones; at most [`MAX_CANDIDATES`].
+    /// Proposals of the scan that are classified by their st-cube, the best ones; at most [`MAX_CANDIDATES`].
     pub candidates: usize,
-    /// What is kept of the last frames, as the model was trained.
-    pub history: History,
-    /// Memory to work on all levels at the same time, where there are threads for it.
+    /// Whether there is memory for all levels at once, so that threads can share the work.
     pub parallel: bool,
-    /// Align older frames to the newest one before looking for motion.
-    pub registration: bool,
-    /// Look at temporal differences.
-    pub temporal: bool,
-    /// What the older slices of a cube follow: as the model was trained.
-    pub alignment: Alignment,
-    /// Follow detections through the slices by Algorithm 1, for their shifts.
+    /// Parts of the method in use: those of the model, or fewer of them ([`Method::allows`]).
+    pub method: Method,
+    /// Whether detections are followed through the slices by Algorithm 1, for [`Detection::shifts`].
     pub trace: bool,
-    /// Fit the boxes of the surest detections by windows that are stretched to them, where the model can.
+    /// Whether the boxes of the best detections are refined ([`crate::boxes`]), where the model can.
     pub fit: bool,
-    /// Weigh detections by what was there a frame ago.
-    pub persistence: bool,
-    /// Judge candidates by their st-cube; without it the scan's own score stands.
-    pub stcube: bool,
 }
 
 impl Config {
-    /// The defaults for frames of this size: targets of 10 to 100 px at 640x480, every part on.
-    pub const fn new(width: usize, height: usize) -> Self {
+    /// Defaults for a model and frames of this size.
+    pub const fn for_model(model: &Model<'_>, width: usize, height: usize) -> Self {
+        Self::for_method(model.method(), width, height)
+    }
+
+    /// As [`Config::for_model`], from [`Method::of_header`]: for constants, so that static memory has the right size. A
+    /// half history is for small boards: fewer proposals, one level after the other.
+    pub const fn for_method(method: Method, width: usize, height: usize) -> Self {
+        let full = matches!(method.history, History::Full);
         Self {
             width,
             height,
-            min_target: 10,
-            max_target: 240,
+            min_target: TARGETS.0,
+            max_target: TARGETS.1,
             threshold: i32::MIN,
-            scales_per_octave: 2,
-            candidates: 48,
-            history: History::Full,
-            parallel: true,
-            registration: true,
-            temporal: true,
-            alignment: Alignment::Background,
-            trace: true,
-            fit: true,
-            stcube: true,
-            persistence: true,
-        }
-    }
-
-    /// The defaults with the parts that a model was trained with: see [`Model::method`]. A half history is for small
-    /// boards: fewer candidates, one level after the other.
-    pub const fn of_method(width: usize, height: usize, method: Method) -> Self {
-        let full = matches!(method.history, History::Full);
-        Self {
-            history: method.history,
-            parallel: full,
             candidates: if full { 48 } else { 20 },
-            // Where older slices are not kept there is nothing to follow an object through.
+            parallel: full,
+            method,
+            // Without older slices an object cannot be followed.
             trace: full,
             fit: full,
-            registration: method.registration,
-            temporal: method.temporal,
-            alignment: method.alignment,
-            stcube: method.stcube,
-            persistence: method.persistence,
-            scales_per_octave: method.scales_per_octave as usize,
-            ..Self::new(width, height)
         }
     }
 
@@ -136,15 +115,14 @@ impl Config {
             self.height,
             self.min_target,
             self.max_target,
-            self.scales_per_octave,
-            self.history,
+            self.method.scales_per_octave as usize,
+            self.method.history,
         )
     }
 
     /// The front end for this configuration.
     pub const fn front(&self) -> FrontEnd {
-        let parts = Parts { registration: self.registration, temporal: self.temporal };
-        FrontEnd::new(self.width, self.height, self.geometry(), parts)
+        FrontEnd::new(self.width, self.height, self.geometry(), self.method)
     }
 }
 
@@ -165,6 +143,9 @@ pub enum Error {
         /// Elements needed.
         needed: usize,
     },
+    /// The model was not trained for the configuration: [`Method::allows`] is false, or the configuration aligns slices
+    /// by optical flow in a build without `std`. Make the configuration by [`Config::for_model`].
+    ModelMismatch,
     /// A frame has another size than the configuration.
     FrameSize {
         /// Width of the frame in pixels.
@@ -178,6 +159,9 @@ impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::BufferTooSmall { needed } => write!(f, "a buffer needs {needed} elements"),
+            Self::ModelMismatch => f.write_str(
+                "the model was not trained for this configuration, make it by Config::for_model",
+            ),
             Self::FrameSize { width, height } => {
                 write!(f, "the frame is {width}x{height}, the detector was made for another size")
             }
@@ -219,19 +203,22 @@ impl Stage {
     }
 }
 
-/// What one frame gave.
+/// Result of one frame.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Detections {
     /// The detections, surest first.
     pub list: heapless::Vec<Detection, MAX_DETECTIONS>,
-    /// Boxes of the nominal target in the windows that the scan handed on, best first.
+    /// Proposals: boxes of the nominal target in the windows kept by the scan, best first.
     pub proposals: heapless::Vec<Rect, MAX_CANDIDATES>,
-    /// Windows that the scan looked at.
+    /// Windows that the scan evaluated.
     pub windows: u32,
-    /// Windows that the scan kept.
+    /// Windows that passed the whole cascade.
     pub kept: u32,
-    /// Candidates or detections that found no room.
+    /// Windows and detections left out for want of room.
     pub dropped: u32,
+    /// Whether the history was empty before this frame: it is the first one, or its time is earlier than the last one's or
+    /// more than [`MAX_GAP_US`] later.
+    pub restarted: bool,
     /// Whether the background's motion could be measured; if not, older frames were left where they are.
     pub registered: bool,
     /// Where each point of the background was in the frame before; not valid where that could not be measured.
@@ -245,6 +232,8 @@ pub struct Detector<'m, 'b> {
     config: Config,
     front: FrontEnd,
     persistence: Persistence<MAX_DETECTIONS>,
+    /// Time of the last frame.
+    last_us: Option<i64>,
     buffers: Buffers<'b>,
 }
 
@@ -252,8 +241,12 @@ impl<'m, 'b> Detector<'m, 'b> {
     /// A detector that has seen no frame yet.
     ///
     /// # Errors
-    /// [`Error::BufferTooSmall`] with the number of elements needed.
+    /// [`Error::ModelMismatch`]; [`Error::BufferTooSmall`] with the number of elements needed.
     pub fn new(model: &Model<'m>, config: Config, buffers: Buffers<'b>) -> Result<Self, Error> {
+        let linked = cfg!(feature = "std") || !matches!(config.method.alignment, Alignment::Flow);
+        if !linked || !model.method().allows(&config.method) {
+            return Err(Error::ModelMismatch);
+        }
         for (given, needed) in
             [(buffers.bytes.len(), config.bytes_len()), (buffers.words.len(), config.words_len())]
         {
@@ -266,19 +259,28 @@ impl<'m, 'b> Detector<'m, 'b> {
             config,
             front: config.front(),
             persistence: Persistence::new(),
+            last_us: None,
             buffers,
         })
     }
 
-    /// Looks at one frame taken at `time_us` (microseconds, any epoch, rising).
+    /// Finds objects in one frame taken at `time_us` (microseconds of any epoch) and writes them to `detections`, which is
+    /// cleared before. A time before the last frame's, or more than [`MAX_GAP_US`] after it, starts the history anew;
+    /// [`Detections::restarted`] says so.
     ///
     /// # Errors
-    /// [`Error::FrameSize`] when the frame has another size than the configuration; the detector's state is unchanged.
-    pub fn process(&mut self, frame: Image<'_>, time_us: i64) -> Result<Detections, Error> {
-        self.process_observed(frame, time_us, &mut |_| {})
+    /// [`Error::FrameSize`] when the frame has another size than the configuration; detector and `detections` are
+    /// unchanged.
+    pub fn process(
+        &mut self,
+        frame: Image<'_>,
+        time_us: i64,
+        detections: &mut Detections,
+    ) -> Result<(), Error> {
+        self.process_observed(frame, time_us, detections, &mut |_| {})
     }
 
-    /// As [`Detector::process`]; `observer` hears of each stage as it ends (the core has no clock).
+    /// As [`Detector::process`]; `observer` is called with each stage as it ends (the core has no clock).
     ///
     /// # Errors
     /// As [`Detector::process`].
@@ -286,13 +288,21 @@ impl<'m, 'b> Detector<'m, 'b> {
     pub fn process_observed(
         &mut self,
         frame: Image<'_>,
-        _time_us: i64,
+        time_us: i64,
+        detections: &mut Detections,
         observer: &mut dyn FnMut(Stage),
-    ) -> Result<Detections, Error> {
+    ) -> Result<(), Error> {
         if (frame.width(), frame.height()) != (self.config.width, self.config.height) {
             return Err(Error::FrameSize { width: frame.width(), height: frame.height() });
         }
-        let Self { model, config, front, persistence, buffers } = self;
+        let continues = |last: i64| (0..=MAX_GAP_US).contains(&time_us.saturating_sub(last));
+        let restarted = !self.last_us.is_some_and(continues);
+        if restarted {
+            self.front.restart();
+            self.persistence.clear();
+        }
+        self.last_us = Some(time_us);
+        let Self { model, config, front, persistence, buffers, .. } = self;
         front.take(frame, buffers.bytes);
         front.build(frame, buffers.bytes, &mut || observer(Stage::Registration));
         let (pyramid, scratch) = front.pyramid(frame, buffers.bytes);
@@ -301,26 +311,16 @@ impl<'m, 'b> Detector<'m, 'b> {
         let (candidates, Counts { windows, kept, dropped }) =
             scan::search(model.scan(), &pyramid, config.candidates, config.parallel, scratch);
         observer(Stage::Scan);
-        let mut detections = Detections {
-            registered: front.registered(),
-            motion: front.motion(),
-            windows,
-            kept,
-            dropped,
-            ..Detections::default()
-        };
-        let judge = Judge {
-            model,
-            alignment: config.alignment,
-            trace: config.trace,
-            fit: model.fit().filter(|_| config.fit),
-            stcube: config.stcube,
-            front,
-            pyramid,
-        };
-        decide(config, &judge, &candidates, persistence, &mut detections, observer);
+        detections.list.clear();
+        detections.proposals.clear();
+        (detections.windows, detections.kept, detections.dropped) = (windows, kept, dropped);
+        detections.restarted = restarted;
+        (detections.registered, detections.motion) = (front.registered(), front.motion());
+        let Config { method, trace, fit, .. } = *config;
+        let classifier = CubeClassifier { model, method, trace, fit, front, pyramid };
+        decide(config, &classifier, &candidates, persistence, detections, observer);
         observer(Stage::Boxes);
-        Ok(detections)
+        Ok(())
     }
 
     /// Gives the memory back.
@@ -329,66 +329,66 @@ impl<'m, 'b> Detector<'m, 'b> {
     }
 }
 
-/// Judges the candidates and fills the lists of `detections`.
+/// Classifies the proposals and fills the lists of `detections`.
 // Not inlined: the cube and the lists are to be on the stack only now.
 #[inline(never)]
 fn decide(
     config: &Config,
-    judge: &Judge<'_>,
+    classifier: &CubeClassifier<'_>,
     candidates: &[Candidate],
     persistence: &mut Persistence<MAX_DETECTIONS>,
     detections: &mut Detections,
     observer: &mut dyn FnMut(Stage),
 ) {
-    let mut found: heapless::Vec<Judged, MAX_CANDIDATES> = heapless::Vec::new();
+    let mut found: heapless::Vec<Scored, MAX_CANDIDATES> = heapless::Vec::new();
     for candidate in candidates {
-        let level = &judge.pyramid.levels()[usize::from(candidate.level)];
+        let level = &classifier.pyramid.levels()[usize::from(candidate.level)];
         // As much room as there are candidates, here and below.
         let _ = detections.proposals.push(level.nominal_box(window(candidate)));
     }
     let parallel = config.parallel && threads::several();
     let mut cube = Cube::EMPTY;
     if parallel {
-        let mut judged = [None; MAX_CANDIDATES];
-        threads::pieces(&mut judged[..candidates.len()], PIECE, true, |number, judged| {
+        let mut scored = [None; MAX_CANDIDATES];
+        threads::pieces(&mut scored[..candidates.len()], PIECE, true, |number, scored| {
             let mut cube = Cube::EMPTY;
-            for (judged, candidate) in judged.iter_mut().zip(&candidates[number * PIECE..]) {
-                *judged = judge.candidate(candidate, &mut cube);
+            for (scored, candidate) in scored.iter_mut().zip(&candidates[number * PIECE..]) {
+                *scored = classifier.classify(candidate, &mut cube);
             }
         });
-        found.extend(judged.into_iter().flatten());
+        found.extend(scored.into_iter().flatten());
     } else {
-        found.extend(candidates.iter().filter_map(|c| judge.candidate(c, &mut cube)));
+        found.extend(candidates.iter().filter_map(|c| classifier.classify(c, &mut cube)));
     }
-    found.sort_unstable_by_key(Judged::rank);
-    let suppress = |found: &mut [Judged]| {
-        nms::suppress(found, |j| j.detection.rect, DETECTION_OVERLAP, MAX_DETECTIONS)
+    found.sort_unstable_by_key(Scored::rank);
+    let suppress = |found: &mut [Scored]| {
+        nms::suppress(found, |s| s.detection.rect, DETECTION_OVERLAP, MAX_DETECTIONS)
     };
     let (length, dropped) = suppress(&mut found);
     found.truncate(length);
     detections.dropped += dropped;
     observer(Stage::Cubes);
-    let refined = MAX_REFINED[config.history as usize].min(found.len());
+    let refined = MAX_REFINED[config.method.history as usize].min(found.len());
     if parallel {
-        threads::pieces(&mut found[..refined], 1, true, |_, judged| {
+        threads::pieces(&mut found[..refined], 1, true, |_, scored| {
             let mut cube = Cube::EMPTY;
-            judged.iter_mut().for_each(|judged| judge.refine(judged, &mut cube));
+            scored.iter_mut().for_each(|scored| classifier.refine(scored, &mut cube));
         });
     } else {
-        found[..refined].iter_mut().for_each(|judged| judge.refine(judged, &mut cube));
+        found[..refined].iter_mut().for_each(|scored| classifier.refine(scored, &mut cube));
     }
-    if config.persistence {
-        for Judged { detection, .. } in &mut found {
+    if config.method.persistence {
+        for Scored { detection, .. } in &mut found {
             let Detection { rect, score, shifts } = *detection;
             let [Shift { x, y }, ..] = shifts;
             let before = Rect { x: rect.x + x, y: rect.y + y, ..rect };
             (detection.rect, detection.score) = persistence.weigh(rect, score, before);
         }
-        persistence.remember(found.iter().map(|j| (j.detection.rect, j.detection.score)));
+        persistence.remember(found.iter().map(|s| (s.detection.rect, s.detection.score)));
     }
-    found.retain(|judged| judged.detection.score >= config.threshold);
-    found.sort_unstable_by_key(Judged::rank);
+    found.retain(|scored| scored.detection.score >= config.threshold);
+    found.sort_unstable_by_key(Scored::rank);
     let (length, _) = suppress(&mut found);
     found.truncate(length);
-    detections.list.extend(found.iter().map(|j| j.detection));
+    detections.list.extend(found.iter().map(|s| s.detection));
 }

@@ -1,4 +1,4 @@
-//! What was there a frame ago (level 1).
+//! Recursive averaging of detection scores and sizes over frames.
 //!
 //! An aircraft is where it was, give or take its motion; a false alarm often is not. A detection's score becomes the
 //! mean of its own and of what was found, a frame ago, where Algorithm 1 says that the object was; that one's score is
@@ -9,7 +9,7 @@ use crate::image::Rect;
 /// Overlap (IoU, Q8) from which on a box of the last frame is taken for the same object.
 const OVERLAP: u8 = 77;
 
-/// Score of the past of what was not there, Q16 log-odds.
+/// Prior log-odds (Q16) where no box of the previous frame matches.
 const UNSEEN: i32 = -3 << 16;
 
 /// The boxes and scores of the last frame.
@@ -22,6 +22,11 @@ impl<const N: usize> Persistence<N> {
     /// Nothing seen yet.
     pub const fn new() -> Self {
         Self { last: heapless::Vec::new() }
+    }
+
+    /// Forgets the last frame.
+    pub fn clear(&mut self) {
+        self.last.clear();
     }
 
     /// Score and box of a detection in view of the last frame, where it was at `before`.

@@ -8,12 +8,12 @@
 pub mod calibration;
 
 use crate::boxes::Fit;
-use crate::channels::history::History;
+pub use crate::channels::method::Method;
 use crate::channels::window::{SLICES, WINDOW};
 use crate::image::gradient::{CELL, ORIENTATIONS};
 use crate::scan::aggregate::MAP_CHANNELS;
 use crate::scan::cascade;
-use crate::stcube::compensation::{Alignment, Regressors};
+use crate::stcube::compensation::Regressors;
 use crate::stcube::feature::Features;
 use crate::trees::{Forest, ForestError};
 use calibration::Calibration;
@@ -132,63 +132,6 @@ const fn header(version: u16) -> usize {
 /// them stands the [`Method`] (3 bytes).
 pub const GEOMETRY: [u8; 5] =
     [WINDOW as u8, CELL as u8, ORIENTATIONS as u8, SLICES as u8, MAP_CHANNELS as u8];
-
-/// The parts of the method that a model was trained with, and must be run with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Method {
-    /// Older frames were aligned to the newest one by the background's motion.
-    pub registration: bool,
-    /// Temporal differences were looked at.
-    pub temporal: bool,
-    /// What the older slices of cubes followed.
-    pub alignment: Alignment,
-    /// Candidates are judged by their st-cube; without it the scan's own score stands.
-    pub stcube: bool,
-    /// Detections are weighed by what was there a frame ago.
-    pub persistence: bool,
-    /// Levels for each doubling of the target's size, 1 to 4.
-    pub scales_per_octave: u8,
-    /// What was kept of the last frames.
-    pub history: History,
-}
-
-impl Method {
-    /// The bytes in the file: from the lowest bit registration, temporal, alignment (2 bits), and a bit each for a cube
-    /// and a persistence that are *not* there; scales per octave; history.
-    pub const fn encode(&self) -> [u8; 3] {
-        let parts = self.registration as u8
-            | (self.temporal as u8) << 1
-            | (self.alignment as u8) << 2
-            | (!self.stcube as u8) << 4
-            | (!self.persistence as u8) << 5;
-        [parts, self.scales_per_octave, self.history as u8]
-    }
-
-    /// Reads what [`Method::encode`] gives.
-    pub const fn decode(bytes: [u8; 3]) -> Option<Self> {
-        let [parts, scales_per_octave, history] = bytes;
-        if parts > 63 || scales_per_octave == 0 || scales_per_octave > 4 {
-            return None;
-        }
-        let Some(alignment) = Alignment::decode(parts >> 2 & 3) else { return None };
-        let Some(history) = History::decode(history) else { return None };
-        Some(Self {
-            registration: parts & 1 != 0,
-            temporal: parts & 2 != 0,
-            alignment,
-            stcube: parts & 16 == 0,
-            persistence: parts & 32 == 0,
-            scales_per_octave,
-            history,
-        })
-    }
-
-    /// What the header of a model file says, at compile time too, where the size of static memory depends on it. The
-    /// file itself is checked by [`Model::parse`].
-    pub const fn of_header(file: &[u8]) -> Option<Self> {
-        if file.len() < 28 { None } else { Self::decode([file[25], file[26], file[27]]) }
-    }
-}
 
 /// Why bytes are not a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -377,7 +320,7 @@ impl<'m> Model<'m> {
     }
 
     /// The parts of the method that it was trained with.
-    pub fn method(&self) -> Method {
+    pub const fn method(&self) -> Method {
         self.method
     }
 

@@ -7,8 +7,9 @@
 //! motion against the background.
 
 use crate::channels::front_end::Slices;
+pub use crate::channels::method::Alignment;
 use crate::channels::window::{Position, SLICES, SUBCELL, WINDOW};
-use crate::stcube::cube::{Cube, Patch, SCALARS};
+use crate::stcube::cube::{Cube, Patch, SCALARS, Scalar};
 use crate::stcube::feature::Features;
 use crate::trees::Forest;
 
@@ -43,30 +44,6 @@ impl Regressors<'_> {
     }
 }
 
-/// What the older slices of a cube follow.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Alignment {
-    /// The background: every slice shows the same place of the scene, an object's own motion shows as change.
-    Background = 0,
-    /// The object: Algorithm 1 of the paper.
-    Regressors = 1,
-    /// The window's picture, by [`crate::stcube::window_flow`]: what the paper compares Algorithm 1 with.
-    Flow = 2,
-}
-
-impl Alignment {
-    /// Reads the number that stands in a model file.
-    pub const fn decode(number: u8) -> Option<Self> {
-        match number {
-            0 => Some(Self::Background),
-            1 => Some(Self::Regressors),
-            2 => Some(Self::Flow),
-            _ => None,
-        }
-    }
-}
-
 /// Where Algorithm 1 put the slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Path {
@@ -83,7 +60,7 @@ pub struct Path {
 }
 
 /// First of the scalars that [`compensate`] writes: see [`Path::scalars`].
-pub const FIRST_SCALAR: usize = 4;
+pub const FIRST_SCALAR: usize = Scalar::TRAJECTORY.place();
 
 impl Path {
     /// The path as scalars of a cube: lengths of the moves of slices 0 to 3; of the changes between the moves of 1 and
@@ -96,16 +73,17 @@ impl Path {
             (8 * long).max(7 * long + 4 * short).min(u32::from(u16::MAX)) as u16
         };
         let [a, b, c, d] = self.moved;
-        let mut scalars = [0; SCALARS - FIRST_SCALAR];
-        scalars[0] = length(a.x, a.y);
-        scalars[1] = length(b.x, b.y);
-        scalars[2] = length(c.x, c.y);
-        scalars[3] = length(d.x, d.y);
-        scalars[4] = length(b.x - c.x, b.y - c.y);
-        scalars[5] = length(c.x - d.x, c.y - d.y);
-        scalars[6] = length(b.x + c.x + d.x, b.y + c.y + d.y);
-        scalars[7] = self.moves as u16;
-        scalars
+        let values = [
+            length(a.x, a.y),
+            length(b.x, b.y),
+            length(c.x, c.y),
+            length(d.x, d.y),
+            length(b.x - c.x, b.y - c.y),
+            length(c.x - d.x, c.y - d.y),
+            length(b.x + c.x + d.x, b.y + c.y + d.y),
+            self.moves as u16,
+        ];
+        core::array::from_fn(|place| values.get(place).copied().unwrap_or(0))
     }
 }
 

@@ -155,14 +155,42 @@ pub struct Cube {
     pub slices: [Patch; SLICES],
     /// Intensity and differences of the newest frame, where slice 0 is.
     pub newest: Patch,
-    /// What is known of the cube beside its channels, by number.
+    /// Values beside the channels; see [`Scalar`].
     pub scalars: [u16; SCALARS],
 }
 
-/// Number of scalars of a cube: see [`crate::stcube::compensation`].
+/// Number of scalars of a cube.
 pub const SCALARS: usize = 16;
 
+/// A value of a cube beside its channels, by its place in [`Cube::scalars`]. Features of a model name these places:
+/// they never change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Scalar(usize);
+
+impl Scalar {
+    /// Score of the scan, Q8 log-odds and 32768, clamped to 16 bits.
+    pub const SCAN_SCORE: Self = Self(0);
+    /// Shorter side of the box that is refined, quarter pixels; in windows of [`crate::boxes`] alone.
+    pub const SHORTER_SIDE: Self = Self(0);
+    /// Length of the level's nominal target, pixels of the frame.
+    pub const TARGET_LENGTH: Self = Self(1);
+    /// 1 if the newest frame was registered to the one before, else 0.
+    pub const REGISTERED: Self = Self(2);
+    /// First of the values of a trajectory: [`crate::stcube::compensation::Path::scalars`].
+    pub const TRAJECTORY: Self = Self(4);
+
+    /// Place in [`Cube::scalars`].
+    pub const fn place(self) -> usize {
+        self.0
+    }
+}
+
 impl Cube {
+    /// Sets a scalar.
+    pub fn set(&mut self, scalar: Scalar, value: u16) {
+        self.scalars[scalar.place()] = value;
+    }
+
     /// A cube of nothing.
     pub const EMPTY: Self = Self {
         slices: [const { Patch::EMPTY }; SLICES],

@@ -8,4 +8,5 @@ pub mod compensation;
 pub mod cube;
 pub mod feature;
 pub mod spans;
+#[cfg(feature = "std")]
 pub mod window_flow;

@@ -2,7 +2,7 @@
 
 use lookout::detector::{Buffers, Config, Detections, Detector, Error};
 use lookout::image::Image;
-use lookout::model::{Model, checksum};
+use lookout::model::{Method, Model, checksum};
 use lookout::stcube::compensation::Alignment;
 
 /// The model: that of `sections` in `mod.rs`, as a file.
@@ -12,8 +12,10 @@ pub static MODEL: &[u8] = include_bytes!("golden.lkm");
 pub const CONFIG: Config = Config {
     max_target: 40,
     candidates: 24,
-    alignment: Alignment::Regressors,
-    ..Config::new(160, 120)
+    ..match Method::of_header(MODEL) {
+        Some(method) => Config::for_method(method, 160, 120),
+        None => panic!("golden.lkm names no method"),
+    }
 };
 
 /// Frames of the run.
@@ -92,13 +94,15 @@ fn fold(digest: u32, detections: &Detections) -> u32 {
 pub fn digest(mut buffers: Buffers<'_>, pixels: &mut [u8]) -> Result<(u32, usize), Error> {
     let (mut digest, mut found) = (0, 0);
     let Ok(model) = Model::parse(MODEL) else { return Ok((0, 0)) };
-    for alignment in [CONFIG.alignment, Alignment::Background] {
-        let mut detector = Detector::new(&model, Config { alignment, ..CONFIG }, buffers)?;
+    let mut detections = Detections::default();
+    for alignment in [CONFIG.method.alignment, Alignment::Background] {
+        let method = Method { alignment, ..CONFIG.method };
+        let mut detector = Detector::new(&model, Config { method, ..CONFIG }, buffers)?;
         for number in 0..FRAMES {
             draw(number, CONFIG.width, pixels);
             let size = Error::FrameSize { width: CONFIG.width, height: CONFIG.height };
             let frame = Image::packed(pixels, CONFIG.width, CONFIG.height).map_err(|_| size)?;
-            let detections = detector.process(frame, i64::from(number) * 33_333)?;
+            detector.process(frame, i64::from(number) * 33_333, &mut detections)?;
             digest = fold(digest, &detections);
             found += detections.list.len();
         }

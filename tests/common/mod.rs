@@ -190,6 +190,13 @@ pub fn sections() -> Sections {
     sections
 }
 
+/// `file` as if it had been trained with `method`.
+pub fn trained_with(mut file: Vec<u8>, method: Method) -> Vec<u8> {
+    file[25..28].copy_from_slice(&method.encode());
+    repair(&mut file);
+    file
+}
+
 /// The model of [`sections`].
 pub fn model() -> Vec<u8> {
     assemble(&sections())
@@ -231,7 +238,9 @@ pub fn look(
         .map(|number| {
             golden::draw(number, config.width, &mut pixels);
             let frame = Image::packed(&pixels, config.width, config.height).unwrap();
-            detector.process(frame, i64::from(number) * 33_333).unwrap()
+            let mut detections = Detections::default();
+            detector.process(frame, i64::from(number) * 33_333, &mut detections).unwrap();
+            detections
         })
         .collect()
 }

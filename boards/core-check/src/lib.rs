@@ -1,11 +1,23 @@
 //! The detector as firmware would call it, in memory that is given to it.
 #![no_std]
 
-use lookout::detector::{Buffers, Config, Detector};
+use lookout::channels::method::{Alignment, Method};
+use lookout::detector::{Buffers, Config, Detections, Detector, History};
 use lookout::image::Image;
 use lookout::model::Model;
 
-const CONFIG: Config = Config::new(160, 120);
+/// As the shipped model is trained; another is refused.
+const METHOD: Method = Method {
+    registration: true,
+    temporal: true,
+    alignment: Alignment::Background,
+    stcube: true,
+    persistence: true,
+    scales_per_octave: 2,
+    history: History::Full,
+};
+
+const CONFIG: Config = Config::for_method(METHOD, 160, 120);
 
 /// Largest model taken.
 const MODEL: usize = 1 << 20;
@@ -29,8 +41,9 @@ pub extern "C" fn lookout_check(
     let Ok(frame) = Image::packed(pixels, CONFIG.width, CONFIG.height) else {
         return -3;
     };
-    match detector.process(frame, 0) {
-        Ok(found) => found.list.len() as i32,
+    let mut found = Detections::default();
+    match detector.process(frame, 0, &mut found) {
+        Ok(()) => found.list.len() as i32,
         Err(_) => -4,
     }
 }

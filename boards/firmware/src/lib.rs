@@ -22,7 +22,7 @@ pub const MODEL: &[u8] = include_bytes!("../../../models/lookout-mini.lkm");
 
 /// Frames of 320x240, the parts of [`MODEL`]: what a board's memory is made for.
 pub const CONFIG: Config = match Method::of_header(MODEL) {
-    Some(method) => Config::of_method(320, 240, method),
+    Some(method) => Config::for_method(method, 320, 240),
     None => panic!("models/lookout-mini.lkm names no method"),
 };
 
@@ -61,6 +61,8 @@ impl core::error::Error for Error {}
 /// The lookout on a board.
 pub struct Firmware {
     detector: Detector<'static, 'static>,
+    /// Of the last frame: four kilobytes, which a small stack has no room for.
+    detections: Detections,
     onboard: Onboard,
     reader: MavlinkReader<Feed>,
     /// Number of the next frame of MAVLink, of each component that speaks.
@@ -88,6 +90,7 @@ impl Firmware {
         let tracks = tracker::Settings::calibrated(model.calibration());
         let firmware = FIRMWARE.init_with(|| Self {
             detector,
+            detections: Detections::default(),
             onboard: Onboard::new(camera, tracks, Default::default(), Parameters::default(), now_us),
             reader: MavlinkReader::new(Feed::new()),
             sequences: [0; 256],
@@ -116,13 +119,11 @@ impl Firmware {
         time_us: i64,
         observer: &mut dyn FnMut(Stage),
         clock: impl FnOnce() -> i64,
-    ) -> Result<Detections, detector::Error> {
-        // Four kilobytes, which are not to be moved about on a small stack.
-        let found = self.detector.process_observed(frame, time_us, observer);
-        if let Ok(found) = &found {
-            self.onboard.see(found, time_us, clock());
-        }
-        found
+    ) -> Result<&Detections, detector::Error> {
+        let Self { detector, detections, onboard, .. } = self;
+        detector.process_observed(frame, time_us, detections, observer)?;
+        onboard.see(detections, time_us, clock());
+        Ok(detections)
     }
 
     /// Writes what there is to say, frame by frame; to be called every [`TICK_US`] or so.

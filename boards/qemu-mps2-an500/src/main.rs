@@ -84,12 +84,12 @@ fn replay(pixels: &mut [u8; PIXELS]) {
         }
         work.others = lap();
         let mut observer = |stage| work.stages[stage as usize] = lap();
-        match &lookout.see(frame, time_us, &mut observer, || done_us) {
+        match lookout.see(frame, time_us, &mut observer, || done_us) {
             Ok(found) => {
                 digest.update(&found.list);
                 detections += found.list.len();
             }
-            Err(error) => fail("frame", error),
+            Err(error) => fail("frame", &error),
         }
         work.others += lap();
         total.add(&work);

@@ -182,7 +182,8 @@ impl Clock {
         let start = Instant::now();
         let mut last = start;
         let mut stages = [0.0; Stage::ALL.len()];
-        let found = detector.process_observed(frame.view(), frame.time_us, &mut |stage| {
+        let mut found = Detections::default();
+        detector.process_observed(frame.view(), frame.time_us, &mut found, &mut |stage| {
             let now = Instant::now();
             // A stage may be entered more than once in a frame.
             stages[stage as usize] += (now - last).as_secs_f64();

@@ -71,8 +71,9 @@ pub fn run(
             let blind = sight.judge(&frame);
             let mut ended_us = [0; Stage::ALL.len()];
             let mut observer = |stage: Stage| ended_us[stage as usize] = now_us();
-            let found = detector
-                .process_observed(frame.view(), frame.time_us, &mut observer)
+            let mut found = Detections::default();
+            detector
+                .process_observed(frame.view(), frame.time_us, &mut found, &mut observer)
                 .map_err(|source| PipelineError::Detector {
                     input: String::from("source"),
                     frame: number,

@@ -111,7 +111,8 @@ impl DetectorArgs {
         width: usize,
         height: usize,
     ) -> Result<Config, PipelineError> {
-        let mut config = Config::of_method(width, height, self.ablation.of(model.method()));
+        let mut config = Config::for_model(model, width, height);
+        config.method = self.ablation.of(config.method);
         config.threshold = self.least_score(model)?.unwrap_or(config.threshold);
         config.trace &= !self.no_trace;
         config.fit &= !self.no_fit;
@@ -258,11 +259,13 @@ pub fn run<E: From<PipelineError>>(
     let mut detector = memory.detector(model, config).map_err(refused)?;
     let mut seen = Frame::default();
     let mut process = |frame: &Frame| {
+        let mut found = Detections::default();
         if scaling.is_none() {
-            return detector.process(frame.view(), frame.time_us);
+            detector.process(frame.view(), frame.time_us, &mut found)?;
+            return Ok(found);
         }
         scaling.apply(frame, &mut seen);
-        let mut found = detector.process(seen.view(), frame.time_us)?;
+        detector.process(seen.view(), frame.time_us, &mut found)?;
         scaling.restore(&mut found);
         Ok(found)
     };
@@ -374,7 +377,7 @@ mod tests {
         let shipped = ModelFile::load(None).unwrap();
         let model = shipped.parse().unwrap();
         let all = DetectorArgs::default().config(&model, 64, 48).unwrap();
-        assert_eq!(all, Config::of_method(64, 48, model.method()));
+        assert_eq!(all, Config::for_model(&model, 64, 48));
         let args = DetectorArgs {
             threshold: Some(5),
             ablation: Ablation {
@@ -389,12 +392,15 @@ mod tests {
         };
         let none = Config {
             threshold: 5,
-            registration: false,
-            temporal: false,
             trace: false,
             fit: false,
-            stcube: false,
-            persistence: false,
+            method: Method {
+                registration: false,
+                temporal: false,
+                stcube: false,
+                persistence: false,
+                ..all.method
+            },
             ..all
         };
         assert_eq!(args.config(&model, 64, 48).unwrap(), none);

@@ -7,7 +7,7 @@ use crate::channels::scale_space::Pyramid;
 use crate::channels::window::Position;
 use crate::channels::window::{SUBCELL, WINDOW};
 use crate::detector::Config;
-use crate::detector::classifier::Judge;
+use crate::detector::classifier::CubeClassifier;
 use crate::model::Model;
 use crate::scan;
 use crate::scan::cascade::Candidate;
@@ -126,12 +126,11 @@ pub fn cubes(
             }
         }
     }
-    let judge = Judge {
+    let classifier = CubeClassifier {
         model,
-        alignment: config.alignment,
+        method: config.method,
         trace: false,
-        fit: None,
-        stcube: config.stcube,
+        fit: false,
         front: view.front,
         pyramid: *pyramid,
     };
@@ -139,7 +138,7 @@ pub fn cubes(
     let mut cube = Cube::EMPTY;
     for (candidate, position, scanned) in candidates {
         let level = &pyramid.levels()[usize::from(candidate.level)];
-        let path = judge.cut(&candidate, position, &mut cube);
+        let path = classifier.cut(&candidate, position, &mut cube);
         let at = path.positions[0];
         let (class, target) = match label(&truths, at, level, &TOLERANCE) {
             Label::Positive(target, _) => (1.0, view.number * 16 + target.min(15) as u32),

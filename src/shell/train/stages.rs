@@ -92,7 +92,7 @@ impl<'a> Trainer<'a> {
 
     fn config(&self, candidates: usize) -> impl Fn(usize, usize) -> Config + Sync + use<> {
         let method = self.recipe.method;
-        move |width, height| Config { candidates, ..Config::of_method(width, height, method) }
+        move |width, height| Config { candidates, ..Config::for_method(method, width, height) }
     }
 
     /// Random numbers of one purpose, for one frame.
