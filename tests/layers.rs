@@ -116,7 +116,8 @@ fn begins_word(text: &str, at: usize) -> bool {
 
 /// Absolute paths that a file of `module` names by `crate::`, `super::` and `self::`.
 fn named(text: &str, module: &[String]) -> Vec<Module> {
-    let text = code(text);
+    // A visibility is no import.
+    let text = code(text).replace("pub(in crate::", "pub(");
     let mut found = Vec::new();
     for head in ["crate::", "self::", "super::"] {
         for (at, _) in text.match_indices(head).filter(|(at, _)| begins_word(&text, *at)) {
