@@ -1,7 +1,7 @@
 //! A model file, then frames: what [`Model::parse`] accepts runs on any pixels.
 //!
-//! Length and checksum are made right, so that changes get past them. Input: length of the model (2 bytes), the model,
-//! pixels of 64x48 frames.
+//! Length and checksum are made right, so that changes get past them. Input: length of the model (2 bytes) and the model,
+//! or 0 for the one of `tests/common`; number of changes to it, each a place (2 bytes) and a byte; pixels of 64x48 frames.
 #![no_main]
 
 #[path = "../../tests/common/mod.rs"]
@@ -18,7 +18,16 @@ const SIZE: (usize, usize) = (64, 48);
 fuzz_target!(|data: &[u8]| {
     let mut input = Input(data);
     let length = input.word();
-    let mut bytes = input.bytes(length.into()).to_vec();
+    let mut bytes = match length {
+        0 => common::model(),
+        _ => input.bytes(length.into()).to_vec(),
+    };
+    for _ in 0..input.byte() % 32 {
+        let (place, value) = (usize::from(input.word()), input.byte());
+        if let Some(byte) = bytes.get_mut(place) {
+            *byte = value;
+        }
+    }
     common::repair(&mut bytes);
     let Ok(model) = Model::parse(&bytes) else { return };
     let base = Config::of_method(SIZE.0, SIZE.1, model.method());
