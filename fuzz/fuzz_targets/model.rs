@@ -8,7 +8,7 @@
 mod common;
 
 use libfuzzer_sys::fuzz_target;
-use lookout::detector::{Buffers, Config, Detector};
+use lookout::detector::{Buffers, Config, Detections, Detector};
 use lookout::image::Image;
 use lookout::model::Model;
 use lookout_fuzz::Input;
@@ -30,18 +30,19 @@ fuzz_target!(|data: &[u8]| {
     }
     common::repair(&mut bytes);
     let Ok(model) = Model::parse(&bytes) else { return };
-    let base = Config::of_method(SIZE.0, SIZE.1, model.method());
+    let base = Config::for_model(&model, SIZE.0, SIZE.1);
     let config = Config { min_target: 10, max_target: 20, parallel: false, ..base };
     let (mut bytes, mut words) = common::memory(&config, 0);
     let buffers = Buffers { bytes: &mut bytes, words: &mut words };
     let mut detector =
         Detector::new(&model, config, buffers).expect("the buffers are as long as asked");
+    let mut found = Detections::default();
     for number in 0..3 {
         let taken = input.bytes(SIZE.0 * SIZE.1);
         let mut pixels = vec![128; SIZE.0 * SIZE.1];
         pixels[..taken.len()].copy_from_slice(taken);
         let frame = Image::packed(&pixels, SIZE.0, SIZE.1).expect("the picture is packed");
-        let found = detector.process(frame, number * 33_333).expect("the frame has its size");
+        detector.process(frame, number * 33_333, &mut found).expect("the frame has its size");
         assert!(found.list.windows(2).all(|pair| pair[0].score >= pair[1].score));
     }
 });
