@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lookout::shell::formats::{clips::Truth, detections, truth};
+use lookout::shell::formats::{clips::GroundTruth, detections, truth};
 use std::path::Path;
 
 fuzz_target!(|data: &[u8]| {
@@ -11,7 +11,7 @@ fuzz_target!(|data: &[u8]| {
     match form % 4 {
         0 => {
             let Ok(text) = std::str::from_utf8(text) else { return };
-            let Ok(truth) = Truth::parse(text, Path::new("gt.txt")) else { return };
+            let Ok(truth) = GroundTruth::parse(text, Path::new("gt.txt")) else { return };
             for (frame, _) in truth.boxes() {
                 assert!(frame <= truth.last_frame() && !truth.frame(frame).is_empty());
             }
