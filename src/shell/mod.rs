@@ -6,6 +6,8 @@ pub mod doctor;
 pub mod error;
 pub mod evaluate;
 pub mod formats;
+#[doc(hidden)]
+pub mod fuzzing;
 pub mod link;
 pub mod live;
 pub mod pictures;

@@ -15,7 +15,7 @@
 //! give every connection a thread, or that have no deadlines, would let any client take what the detector needs.
 
 mod board;
-mod http;
+pub(super) mod http;
 mod server;
 mod site;
 pub mod snapshot;

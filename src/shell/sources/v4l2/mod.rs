@@ -13,7 +13,7 @@ mod device;
 mod error;
 mod format;
 mod grey;
-mod mjpeg;
+pub(in crate::shell) mod mjpeg;
 
 pub use controls::Control;
 pub use error::CameraError;
