@@ -138,15 +138,15 @@ fn objects_are_pasted_where_the_attitude_is_known() {
     split(&folder);
     let settings = ["--scan-trees=8", "--regressor-trees=4", "--cube-trees=8", "--features=60"];
     let which = ["train", "data", "--samples=16", "--mining=1", "--hold-back=0", "--out", "x.lkm"];
-    let train = [&which[..], &settings, &["--paste=1"]].concat();
+    let train = [&which[..], &settings, &["--paste=1", "--card=README.md"]].concat();
     let error = complaint(&folder, &train);
-    assert!(error.contains("--paste needs clips with truth.csv and camera.json"), "{error}");
+    assert!(error.contains("--paste: needs clips to paste into (with truth.csv"), "{error}");
     bar(&folder);
     succeeded(&folder, &train);
     let model = fs::read(folder.path().join("x.lkm")).unwrap();
     assert!(Model::parse(&model).unwrap().fit().is_some(), "ours fits boxes");
     let card = fs::read_to_string(folder.path().join("README.md")).unwrap();
-    assert!(card.contains("frames of 3 clips; 2 of them again with objects"), "{card}");
+    assert!(card.contains("frames of 3 clips (2 shown again with objects of others"), "{card}");
 }
 
 /// The simulator's aircraft are of shapes that the shipped model was not trained on.

@@ -31,6 +31,8 @@ pub type Run = Vec<Cutout>;
 #[derive(Debug, Clone, Default)]
 pub struct Assets {
     pub(super) pictures: Vec<Picture>,
+    /// The folder of each picture: those of one scene stand in one.
+    scenes: Vec<PathBuf>,
     /// Runs of each clip.
     pub(super) targets: Vec<Vec<Run>>,
     pub(super) birds: Vec<Run>,
@@ -48,7 +50,7 @@ impl Assets {
         cutouts: &[PathBuf],
         shapes: Option<&Path>,
     ) -> Result<Self, RenderError> {
-        let pictures = pictures(backgrounds)?;
+        let (pictures, scenes) = pictures(backgrounds)?.into_iter().unzip();
         let mut targets = Vec::new();
         let mut birds = Vec::new();
         for folder in cutouts {
@@ -63,7 +65,26 @@ impl Assets {
             }
         }
         let solids = shapes.map_or(Ok(Vec::new()), solids)?;
-        Ok(Self { pictures, targets, birds, solids })
+        Ok(Self { pictures, scenes, targets, birds, solids })
+    }
+
+    /// The pictures of every `every`th scene and those of the others; both with all that flies. Where either would have no
+    /// picture both have all.
+    pub fn split(self, every: usize) -> [Self; 2] {
+        let (mut number, mut last) = (0, None);
+        let held_back: Vec<bool> = (self.scenes.iter())
+            .map(|scene| {
+                number += usize::from(last.replace(scene).is_some_and(|last| last != scene));
+                every > 0 && number % every == every - 1
+            })
+            .collect();
+        let mixed = held_back.contains(&true) && held_back.contains(&false);
+        [true, false].map(|side| {
+            let mut half = self.clone();
+            let mut keep = held_back.iter().map(|&held_back| held_back == side || !mixed);
+            half.pictures.retain(|_| keep.next().unwrap_or(true));
+            half
+        })
     }
 
     /// Number of pictures, clips with cut-out targets, runs of birds, solid models.
@@ -72,8 +93,8 @@ impl Assets {
     }
 }
 
-/// All pictures below a folder, in the order of their paths.
-fn pictures(folder: &Path) -> Result<Vec<Picture>, RenderError> {
+/// All pictures below a folder and the folders they lie in, in the order of their paths.
+fn pictures(folder: &Path) -> Result<Vec<(Picture, PathBuf)>, RenderError> {
     let kinds = kinds(&folder.join("index.csv"))?;
     let mut paths = Vec::new();
     let mut open = Vec::from([folder.to_path_buf()]);
@@ -100,7 +121,8 @@ fn pictures(folder: &Path) -> Result<Vec<Picture>, RenderError> {
         if width < 64 || height < 64 {
             return Err(RenderError::SmallPicture { path, width, height });
         }
-        Ok(Picture::new(picture.into_raw(), width, height, kinds.get(&name).copied()))
+        let scene = path.parent().unwrap_or(folder).to_path_buf();
+        Ok((Picture::new(picture.into_raw(), width, height, kinds.get(&name).copied()), scene))
     };
     parallel::map(paths, read).into_iter().collect()
 }

@@ -110,6 +110,17 @@ impl Cutout {
         Some(Self { width, height, pixels, bounds, class })
     }
 
+    /// Left, top, right and bottom of a box beyond which [`Cutout::at`] gives 0.
+    pub fn reach(&self) -> [f64; 4] {
+        let mut reach = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
+        for (i, _) in self.pixels.iter().enumerate().filter(|(_, pixel)| **pixel != [0, 0]) {
+            let (x, y) = ((i % self.width) as f64, (i / self.width) as f64);
+            let [left, top, right, bottom] = reach;
+            reach = [left.min(x - 0.5), top.min(y - 0.5), right.max(x + 1.5), bottom.max(y + 1.5)];
+        }
+        reach
+    }
+
     /// Opacity (0 to 1) and light (grey levels times opacity) at a point, between the centres of its pixels bilinear;
     /// 0 outside. Its left upper corner is (0, 0).
     pub fn at(&self, x: f64, y: f64) -> [f64; 2] {
@@ -117,13 +128,22 @@ impl Cutout {
         let (left, top) = (x.floor(), y.floor());
         let (across, down) = (x - left, y - top);
         let mut sum = [0.0; 2];
+        // Most points asked for are beside the object.
+        if left < -1.0 || top < -1.0 || left >= self.width as f64 || top >= self.height as f64 {
+            return sum;
+        }
+        let (left, top) = (left as isize, top as isize);
+        let pixel = |x: isize, y: isize| {
+            let inside =
+                (0..self.width as isize).contains(&x) && (0..self.height as isize).contains(&y);
+            if inside { self.pixels[y as usize * self.width + x as usize] } else { [0, 0] }
+        };
         for (j, row) in [1.0 - down, down].into_iter().enumerate() {
             for (i, column) in [1.0 - across, across].into_iter().enumerate() {
-                let (x, y) = (left + i as f64, top + j as f64);
-                if x < 0.0 || y < 0.0 || x >= self.width as f64 || y >= self.height as f64 {
+                let [opacity, light] = pixel(left + i as isize, top + j as isize);
+                if (opacity, light) == (0, 0) {
                     continue;
                 }
-                let [opacity, light] = self.pixels[y as usize * self.width + x as usize];
                 sum[0] += row * column * f64::from(opacity) / 255.0;
                 sum[1] += row * column * f64::from(light);
             }

@@ -1,22 +1,25 @@
-//! What scores are worth: the whole detector on the clips held back, its detections counted.
+//! The table of precisions: the whole detector on the clips held back, its detections counted by score.
 //!
-//! Precision must not fall as scores rise, so adjacent violators are pooled (Ayer et al. 1955) in the rate of right
-//! detections by score. At the ends of the pools, the corners of the ROC curve's convex hull (Fawcett &
-//! Niculescu-Mizil 2007), the share of right ones among all detections down to there is as measured, and rises.
+//! Clips are counted by kind: those of each folder, and all without targets. The precision at a score is R / (R + F): R
+//! right detections a frame of that score or more, the mean of the kinds with targets; F false ones a frame, of the kind
+//! that has most. So the table holds for the hardest footage that was held back, not for the mean of all of it, which is
+//! the nearest to footage that no training saw. Precision must not fall as scores rise: at each score it is the best that
+//! was measured from there down.
 
+use super::TrainArgs;
 use super::footage;
+use super::labels::BIRD;
+use super::listing;
 use crate::model::Model;
 use crate::model::calibration::{Knot, MAX_KNOTS, ONE};
 use crate::shell::error::Error;
 use crate::shell::evaluate::matching::{self, Found, Verdict, WARMUP};
-use crate::shell::formats::clips::{self, Clip};
+use crate::shell::formats::clips::Clip;
 use crate::shell::formats::detections::{self, SCORE_BITS};
-use crate::shell::pipeline::on_clips;
 use crate::shell::pipeline::scaled::FrameSize;
-use crate::shell::pipeline::{self, DetectorArgs};
+use crate::shell::pipeline::{self, DetectorArgs, on_clips};
 use crate::shell::sources;
 use std::format;
-use std::path::PathBuf;
 use std::string::String;
 use std::vec;
 use std::vec::Vec;
@@ -24,63 +27,52 @@ use std::vec::Vec;
 /// Intersection over union with a target from which a detection is right.
 const IOU: f64 = 0.3;
 
-/// Detections of one score; weights.
+/// A detection: score (Q16), kind of its clip, whether it is right, and one over the frames of its kind.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Pool {
-    /// The lowest score in it, Q16.
+struct Counted {
     score: i32,
-    right: f64,
-    wrong: f64,
+    kind: usize,
+    right: bool,
+    weight: f64,
 }
 
-impl Pool {
-    fn precision(&self) -> f64 {
-        self.right / (self.right + self.wrong)
-    }
-
-    fn add(&mut self, lower: &Self) {
-        self.score = lower.score;
-        self.right += lower.right;
-        self.wrong += lower.wrong;
-    }
-}
-
-/// Runs the detector on every `hold_back`th clip of each folder, its frames scaled to `frame`, and counts; folders weigh the same. No knots where
-/// no clip is held back; none after Ctrl-C.
+/// Runs the detector on every `hold_back`th clip of each folder and counts. No knots where no clip is held back; none
+/// after Ctrl-C.
 ///
 /// # Errors
 /// [`Error`] of the first clip that cannot be read.
 pub fn measure(
-    folders: &[PathBuf],
+    args: &TrainArgs,
     hold_back: usize,
-    frame: Option<FrameSize>,
     model: &Model<'_>,
 ) -> Result<Option<Vec<Knot>>, Error> {
-    let (mut all, mut folder_of) = (Vec::new(), Vec::new());
-    for (number, folder) in folders.iter().enumerate() {
-        for (place, clip) in clips::clips(folder)?.into_iter().enumerate() {
+    let (mut all, mut group_of) = (Vec::new(), Vec::new());
+    let folders = listing::folders(args);
+    for (number, (folder, kind)) in folders.iter().enumerate() {
+        for (place, clip) in listing::clips(folder, *kind)?.into_iter().enumerate() {
             if footage::is_held_back(place, hold_back) {
+                let targets = clip.ground_truth.boxes().any(|(_, b)| b.class != BIRD);
+                group_of.push(if targets { number } else { folders.len() });
                 all.push(clip);
-                folder_of.push(number);
             }
         }
     }
     if all.is_empty() {
         return Ok(Some(Vec::new()));
     }
-    let Some(counted) = on_clips::<_, Error>(&all, 0, &|_, clip| count(clip, frame, model))? else {
+    let Some(counted) = on_clips::<_, Error>(&all, 0, &|_, clip| count(clip, args.frame, model))?
+    else {
         return Ok(None);
     };
-    let mut frames = vec![0; folders.len()];
-    counted.iter().zip(&folder_of).for_each(|((n, _), &folder)| frames[folder] += n);
-    let pools = counted.iter().zip(&folder_of).flat_map(|((_, outcomes), &folder)| {
-        let weight = 1.0 / frames[folder].max(1) as f64;
-        outcomes.iter().map(move |&(score, hit)| {
-            let (right, wrong) = if hit { (weight, 0.0) } else { (0.0, weight) };
-            Pool { score, right, wrong }
-        })
+    let mut frames = vec![0; folders.len() + 1];
+    counted.iter().zip(&group_of).for_each(|((n, _), &group)| frames[group] += n);
+    let detections = counted.iter().zip(&group_of).flat_map(|((_, outcomes), &kind)| {
+        let weight = 1.0 / frames[kind].max(1) as f64;
+        outcomes.iter().map(move |&(score, right)| Counted { score, kind, right, weight })
     });
-    Ok(Some(knots(pools.collect())))
+    // Folders with targets: R is the mean of these.
+    let with_targets = frames[..folders.len()].iter().filter(|&&frames| frames > 0).count();
+    Ok(Some(knots(detections.collect(), frames.len(), with_targets)))
 }
 
 /// Frames judged, and every detection that counts: score (Q16) and whether it is right.
@@ -107,31 +99,27 @@ fn count(
     Ok((judged.frames, judged.detections.iter().filter_map(outcome).collect()))
 }
 
-/// The table of these detections.
-fn knots(mut detections: Vec<Pool>) -> Vec<Knot> {
-    detections.sort_by_key(|pool| std::cmp::Reverse(pool.score));
-    let mut pools: Vec<Pool> = Vec::new();
+/// The table of these detections of so many kinds of clips, of which `with_targets` have targets.
+fn knots(mut detections: Vec<Counted>, kinds: usize, with_targets: usize) -> Vec<Knot> {
+    detections.sort_by_key(|detection| std::cmp::Reverse(detection.score));
+    let (mut right, mut wrong) = (0.0, vec![0.0; kinds]);
+    let mut measured: Vec<(i32, f64)> = Vec::new();
     for equals in detections.chunk_by(|a, b| a.score == b.score) {
-        let mut pool = equals[0];
-        equals[1..].iter().for_each(|other| pool.add(other));
-        while let Some(higher) = pools.pop_if(|higher| higher.precision() <= pool.precision()) {
-            pool =
-                Pool { right: higher.right + pool.right, wrong: higher.wrong + pool.wrong, ..pool };
+        for detection in equals {
+            let sum = if detection.right { &mut right } else { &mut wrong[detection.kind] };
+            *sum += detection.weight;
         }
-        pools.push(pool);
+        let (found, worst) =
+            (right / with_targets.max(1) as f64, wrong.iter().copied().fold(0.0, f64::max));
+        measured.push((equals[0].score, found / (found + worst)));
     }
-    let mut all = Pool { score: i32::MAX, right: 0.0, wrong: 0.0 };
-    let mut least = ONE;
-    let mut knots: Vec<Knot> = pools
-        .iter()
-        .map(|pool| {
-            all.add(pool);
-            // Sums of weights are rounded: never more than at the higher score.
-            least = least.min((all.precision() * f64::from(ONE)) as u32);
-            Knot { score: all.score, precision: least }
-        })
-        .collect();
-    knots.reverse();
+    let mut knots: Vec<Knot> = Vec::new();
+    for (score, precision) in measured.into_iter().rev() {
+        let precision = (precision * f64::from(ONE)) as u32;
+        if knots.last().is_none_or(|lower| lower.precision < precision) {
+            knots.push(Knot { score, precision });
+        }
+    }
     thin(&mut knots);
     knots
 }
@@ -165,9 +153,9 @@ mod tests {
     use crate::model::calibration::Calibration;
     use proptest::prelude::*;
 
-    fn pool(score: i32, hit: bool) -> Pool {
-        let (right, wrong) = if hit { (1.0, 0.0) } else { (0.0, 1.0) };
-        Pool { score, right, wrong }
+    fn table(detections: &[(i32, bool)]) -> Vec<Knot> {
+        let counted = |&(score, right)| Counted { score, kind: 0, right, weight: 1.0 };
+        knots(detections.iter().map(counted).collect(), 1, 1)
     }
 
     fn precision(detections: &[(i32, bool)], score: i32) -> f64 {
@@ -179,13 +167,15 @@ mod tests {
     fn by_hand() {
         let detections =
             [(9, true), (8, true), (7, false), (6, true), (5, true), (4, false), (3, false)];
-        let table = knots(detections.map(|(score, hit)| pool(score, hit)).into());
-        let found: Vec<(i32, u32)> = table.iter().map(|k| (k.score, k.precision)).collect();
-        // 4 of 7, 4 of 5, 2 of 2; that 7 alone is wrong is pooled with 6 and 5.
-        assert_eq!(found, [(3, 4 * ONE / 7), (5, 4 * ONE / 5), (8, ONE)]);
-        assert!(knots(Vec::new()).is_empty());
+        let found: Vec<(i32, u32)> =
+            table(&detections).iter().map(|k| (k.score, k.precision)).collect();
+        // 4 of 7, 4 of 6, 4 of 5; 3 of 4 and 2 of 3 are no better; 2 of 2.
+        let share =
+            |right: u32, all: u32| (f64::from(right) / f64::from(all) * f64::from(ONE)) as u32;
+        assert_eq!(found, [(3, share(4, 7)), (4, share(4, 6)), (5, share(4, 5)), (8, ONE)]);
+        assert!(table(&[]).is_empty());
         assert_eq!(
-            in_words(&table),
+            in_words(&table(&detections)),
             "0.5 from score 0.00, 0.8 from score 0.00, 0.9 from score 0.00, \
                                       0.95 from score 0.00, 0.99 from score 0.00"
         );
@@ -193,8 +183,23 @@ mod tests {
     }
 
     #[test]
+    fn false_alarms_of_the_worst_kind_count() {
+        let of =
+            |score, kind, right, frames: f64| Counted { score, kind, right, weight: 1.0 / frames };
+        // Ten frames with targets, of which eight are found at score 9; at score 5 an easy kind has a false alarm in 100
+        // frames, and the footage without targets one in 10.
+        let mut detections: Vec<Counted> = (0..8).map(|_| of(9, 0, true, 10.0)).collect();
+        detections.push(of(5, 0, false, 100.0));
+        detections.push(of(5, 1, false, 10.0));
+        let table = knots(detections, 2, 1);
+        let share = |v: f64| (v * f64::from(ONE)) as u32;
+        let found: Vec<(i32, u32)> = table.iter().map(|k| (k.score, k.precision)).collect();
+        assert_eq!(found, [(5, share(0.8 / 0.9)), (9, ONE)]);
+    }
+
+    #[test]
     fn scores_of_a_known_truth() {
-        // A detection of score s is right with the probability of its log-odds: so many, so the table is near it.
+        // A detection of score s is right with the probability of its log-odds, so the table is near it.
         let mut random = crate::shell::support::random::Random::new(4);
         let detections: Vec<(i32, bool)> = (0..40_000)
             .map(|_| {
@@ -203,7 +208,7 @@ mod tests {
                 ((score * 65536.0) as i32, hit)
             })
             .collect();
-        let table = knots(detections.iter().map(|&(score, hit)| pool(score, hit)).collect());
+        let table = table(&detections);
         assert_eq!(table.len(), MAX_KNOTS);
         for Knot { score, precision } in table {
             let s = f64::from(score) / 65536.0;
@@ -219,7 +224,7 @@ mod tests {
         fn every_knot_is_as_measured_and_none_is_worse_below(
             detections in prop::collection::vec((-20..20i32, any::<bool>()), 1..120),
         ) {
-            let table = knots(detections.iter().map(|&(score, hit)| pool(score, hit)).collect());
+            let table = table(&detections);
             let bytes: Vec<u8> = table.iter().flat_map(|k| k.encode()).collect();
             prop_assert!(Calibration::parse(&bytes).is_some());
             for knot in &table {

@@ -1,7 +1,7 @@
 //! Patches for φ_h and φ_v, cubes for the classifier and the box regressors.
 
-use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
+use super::visit::View;
 use super::windows;
 use crate::channels::scale_space::Pyramid;
 use crate::channels::window::Position;
@@ -26,11 +26,11 @@ const PATCHES: usize = 6;
 /// in from there.
 const REACH: Tolerance = Tolerance { distance: 2.0, scale: 1.1, far: 0.0, other_scale: 0.0 };
 
-/// Windows drawn around each target on each level within reach, for the box regressors beside the scan's own: how far
+/// Windows drawn around each target on each level within reach, for the box regressors, in addition to the scan's: how far
 /// from the target's middle, in cells. Most are near it, where the last looks are from.
 const JITTER: [f64; 3] = [1.0, 0.35, 0.35];
 
-/// Values of features and what belongs to them.
+/// A training row: feature values, label, offset of the target, origin.
 #[derive(Debug, Clone)]
 pub struct Row {
     /// Values of all features of the pool.
@@ -48,7 +48,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// A row that only tells where the target is.
+    /// A row for the box regressors alone: no label for the classifier.
     pub fn of_offset(view: &View<'_>, values: Vec<u16>, offset: Offset) -> Self {
         let View { pasted, held_back, .. } = *view;
         Self { values, label: 0.0, offset: Some(offset), target: 0, pasted, held_back }
@@ -61,8 +61,7 @@ fn around(truth: &Offset, away: (f64, f64)) -> Position {
     Position { x: quarters(truth.x + away.0), y: quarters(truth.y + away.1) }
 }
 
-/// Patches around every target, shifted at random by up to half its longer side, with the values of `pool`; none of
-/// clips with pasted objects.
+/// Patches around every target, shifted at random by up to half its longer side, with the values of `pool`.
 pub fn patches(
     view: &View<'_>,
     pyramid: &Pyramid<'_>,
@@ -71,9 +70,6 @@ pub fn patches(
 ) -> Vec<Row> {
     let mut rows = Vec::new();
     let mut patch = Patch::EMPTY;
-    if view.pasted {
-        return rows;
-    }
     for truth in truths(&view.boxes) {
         let Truth::Target(truth) = truth else { continue };
         for level in pyramid.searched() {

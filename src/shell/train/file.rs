@@ -1,13 +1,50 @@
-//! Writing a model file, section by section.
+//! The files of a training: the model, section by section, and those in its folder until it is finished.
 
 use super::boost::TrainedForest;
+use super::window_files::WindowFiles;
 use crate::model::calibration::Knot;
 use crate::model::{self, GEOMETRY, HEADER, MAGIC, Method, Model, Section, VERSION};
+use crate::shell::error::Error;
 use crate::stcube::feature::Feature;
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::vec::Vec;
 
 /// A forest without trees: its score is 0.
 const NO_TREES: [u8; 12] = [0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+
+/// The files of a training, in the folder of the model.
+#[derive(Debug)]
+pub struct Files {
+    out: PathBuf,
+    /// The model so far.
+    pub partial: PathBuf,
+    /// Progress in JSON Lines.
+    pub log: PathBuf,
+}
+
+impl Files {
+    /// Of the model file `out`.
+    pub fn beside(out: &Path) -> Self {
+        let partial = out.with_extension("lkm.partial");
+        Self { out: out.into(), partial, log: out.with_extension("jsonl") }
+    }
+
+    /// Those of the scan's windows.
+    pub fn windows(&self, settings: &str) -> WindowFiles {
+        WindowFiles::new(&self.out, settings)
+    }
+
+    /// Removes the partial model and the scan's windows; the log stays.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn remove(&self) -> Result<(), Error> {
+        WindowFiles::remove(&self.out);
+        let path = &self.partial;
+        fs::remove_file(path).map_err(Error::write(path))
+    }
+}
 
 /// The sections of a model under way.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -55,7 +92,7 @@ impl Parts {
         self.sections[Section::Provenance as usize] = text.as_bytes().to_vec();
     }
 
-    /// Puts in what scores are worth; no knots: not known.
+    /// Puts in the table of precisions; without knots it is unknown.
     pub fn set_calibration(&mut self, knots: &[Knot]) {
         let bytes = knots.iter().flat_map(|knot| knot.encode()).collect();
         self.sections[Section::Calibration as usize] = bytes;
@@ -64,6 +101,11 @@ impl Parts {
     /// Puts in a forest whose features are numbered by the core itself.
     pub fn set_forest(&mut self, section: Section, forest: &TrainedForest) {
         self.sections[section as usize] = forest.encode();
+    }
+
+    /// Puts in a table of features.
+    pub fn set_features(&mut self, section: Section, features: &[Feature]) {
+        self.sections[section as usize] = features.iter().flat_map(Feature::encode).collect();
     }
 
     /// Puts in forests trained on all of `pool` and, in section `features`, those features that they ask for.
@@ -77,8 +119,8 @@ impl Parts {
         let mut used: Vec<u16> = forests.iter().flat_map(asked).collect();
         used.sort_unstable();
         used.dedup();
-        self.sections[features as usize] =
-            used.iter().flat_map(|&id| pool[usize::from(id)].encode()).collect();
+        let kept: Vec<Feature> = used.iter().map(|&id| pool[usize::from(id)]).collect();
+        self.set_features(features, &kept);
         for (section, mut forest) in forests {
             forest.renumber(|id| used.partition_point(|&u| u < id) as u16, used.len() as u16);
             self.set_forest(section, &forest);

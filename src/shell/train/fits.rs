@@ -1,8 +1,8 @@
 //! Boxes around every target that are wrong by some measure, and the windows stretched to them.
 
 use super::cubes::Row;
-use super::footage::View;
 use super::labels::{Offset, Truth, truths};
+use super::visit::View;
 use crate::boxes::{self, BOX_CELLS};
 use crate::channels::scale_space::Pyramid;
 use crate::image::Rect;
@@ -13,7 +13,7 @@ use crate::stcube::feature::Feature;
 use fixed::types::I28F4;
 use std::vec::Vec;
 
-/// How wrong the boxes around a target are, in parts of the largest error: most are as wrong as what is fitted may be,
+/// Errors of the boxes around a target, in parts of the largest error: most are as large as those of boxes before the fit,
 /// the others show where to stop.
 const ERRORS: [f64; 8] = [1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.25];
 
@@ -37,7 +37,7 @@ fn wrong(truth: &TruthBox, error: f64, random: &mut Random) -> Rect {
     Rect { x, y, width, height }
 }
 
-/// What [`boxes::moved`] takes from `window` to the target: cells, and binary logarithms.
+/// The offset with which [`boxes::moved`] makes the target's box of `window`: cells, and binary logarithms.
 fn offset(truth: &TruthBox, window: &Rect) -> Offset {
     let [x, y, width, height] =
         [window.x, window.y, window.width, window.height].map(|v| v.to_num::<f64>());

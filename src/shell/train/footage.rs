@@ -1,109 +1,174 @@
-//! The flights that are learned from: sampled frames with what the front end needs before each.
+//! The clips that are learned from: sampled frames, ground truth, pasted objects. Frames stay in their files.
 
-use super::TrainArgs;
-use super::look::Look;
-use super::paste::{self, Run, Turning};
-use crate::channels::front_end::{FrontEnd, REACH};
-use crate::channels::scale_space::Pyramid;
+use super::listing::{self, Kind};
+use super::paste::{self, Anchor, Run, Runs, Scenery, Turning};
+use super::playback::{Playback, difference};
+use super::spool::Spool;
+use super::{TrainArgs, TrainError};
+use crate::channels::front_end::REACH;
 use crate::channels::window::SLICES;
-use crate::detector::Config;
+use crate::registration::{Motion, Registration};
 use crate::shell::error::Error;
 use crate::shell::formats::clips::{self, TruthBox};
-use crate::shell::pipeline::Memory;
-use crate::shell::pipeline::scaled::Scaling;
+use crate::shell::pipeline::scaled::{FrameSize, Scaling};
 use crate::shell::sources::{self, Frame};
 use crate::shell::support::parallel;
 use crate::shell::support::random::Random;
-use crate::shell::train::TrainError;
-use std::string::ToString;
+use std::ops::Range;
+use std::string::{String, ToString};
+use std::sync::Arc;
 use std::vec::Vec;
 
 /// Frames before a sampled one that its cubes depend on: those of the oldest slice and of its temporal differences.
-const HISTORY: usize = SLICES - 1 + REACH;
+pub const HISTORY: usize = SLICES - 1 + REACH;
 
-/// Sampled frames in a row that are shown with the same look.
-const SEGMENT: usize = 6;
-
-/// A clip and those of its frames that are needed.
+/// A clip and which of its frames are sampled. Frames stay in their file.
 #[derive(Debug)]
 pub struct Footage {
     /// Number among all clips.
     pub number: usize,
+    /// Of which folder it is.
+    pub kind: Kind,
     /// Whether it is a copy of another one with objects pasted in.
     pub pasted: bool,
     /// Whether it is kept back to decide when to stop, never trained on.
     pub held_back: bool,
     /// Numbers of the sampled frames, from 1.
     pub samples: Vec<usize>,
-    /// By number less 1; empty where not needed.
-    frames: Vec<Frame>,
     /// The boxes of each frame, in its pixels.
-    boxes: Vec<Vec<TruthBox>>,
-    /// How its camera was turned, where that is known and objects are to be pasted in.
-    turning: Option<Turning>,
+    pub boxes: Vec<Vec<TruthBox>>,
+    /// Width and height of the frames as the detector sees them.
+    pub size: (usize, usize),
+    /// For [`sources::open`].
+    pub input: String,
+    /// Size that frames are scaled to.
+    pub frame: Option<FrameSize>,
+    /// Index of the first sampled frame, and frames from one to the next.
+    sampling: (usize, usize),
+    /// Anchor of objects to be pasted in; none where none are.
+    anchor: Option<Anchor>,
+    /// Place of the patch of each frame: the pixels that pasting changes.
+    patches: Vec<Range<u64>>,
+    spool: Option<Arc<Spool>>,
 }
 
-/// How deep into the past a sampled frame is computed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Depth {
-    /// Channels of the sampled frame only.
-    Newest,
-    /// Tables of all slices too, as the detector has them in flight.
-    Cube,
+impl Footage {
+    /// Whether a sampled frame depends on the frame at `index`, from 0.
+    pub fn needs(&self, index: usize) -> bool {
+        next_sample(index, self.sampling) - index <= HISTORY
+    }
+
+    /// Reads the patch of the frame at `index` (from 0), for [`super::playback::apply`]; empty without one.
+    ///
+    /// # Errors
+    /// [`Error::Write`] when the file of patches cannot be read.
+    pub fn read_patch(&self, index: usize, into: &mut Vec<u8>) -> Result<(), Error> {
+        into.clear();
+        match (&self.spool, self.patches.get(index)) {
+            (Some(spool), Some(place)) if !place.is_empty() => spool.read(place.clone(), into),
+            _ => Ok(()),
+        }
+    }
 }
 
-/// Reads the clips of all folders and keeps about so many frames of each folder as asked for, evenly spread.
+/// The index of the first sampled frame at or after `index`.
+fn next_sample(index: usize, (first, every): (usize, usize)) -> usize {
+    if index <= first { first } else { first + (index - first).div_ceil(every) * every }
+}
+
+/// Frames that objects are pasted into at once: those in memory meanwhile, and the longest that an object is in sight.
+const SECTION: usize = 150;
+
+/// Objects pasted into a clip without targets where `--paste` does not say how many.
+const INTO_EMPTY: usize = 3;
+
+/// Looks through the clips of all folders and samples about `--samples` frames of each folder, evenly spread.
 ///
 /// # Errors
 /// [`Error`] of the first clip that cannot be read.
 pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Error> {
-    let &TrainArgs { samples, hold_back, paste, seed, .. } = args;
     let mut footage: Vec<Footage> = Vec::new();
-    for folder in &args.data {
-        let clips = clips::clips(folder)?;
-        let frames: u64 = clips.iter().map(|c| c.ground_truth.last_frame().max(1)).sum();
-        let every = (frames as usize / samples.max(1)).max(1);
+    let mut library: Vec<Vec<Run>> = Vec::new();
+    for (folder, kind) in listing::folders(args) {
+        let clips = listing::clips(&folder, kind)?;
+        let frames = match kind {
+            Kind::Empty => listing::frames(&clips)?,
+            _ => clips.iter().map(|c| c.ground_truth.last_frame().max(1)).sum(),
+        };
+        let every = (frames as usize / args.samples.max(1)).max(1);
         let before = footage.len();
         let numbered: Vec<_> = clips.into_iter().enumerate().collect();
         let loaded = parallel::map(numbered, |(place, clip)| {
-            let held_back = is_held_back(place, hold_back);
-            let footage = read(clip, every, args, before + place, held_back);
+            let held_back = is_held_back(place, args.hold_back);
+            let footage = read(clip, every, args, (before + place, held_back, kind));
             tick();
             footage
         });
         for clip in loaded {
-            footage.push(clip?);
+            let (clip, runs) = clip?;
+            footage.push(clip);
+            library.extend((!runs.is_empty()).then_some(runs));
         }
     }
-    if paste > 0 {
-        let pasted = pasted(&footage, paste, seed);
-        if pasted.iter().all(|clip| clip.boxes.iter().flatten().all(|b| b.id < paste::FIRST_ID)) {
-            let reason = "--paste needs clips with truth.csv and camera.json to paste into, and \
-                 others with objects before a plain sky, of 18 pixels at least";
-            return Err(TrainError::Training { reason: reason.to_string() }.into());
-        }
-        footage.extend(pasted);
+    let pasted = pasted(&footage, &library, args)?;
+    if args.paste > 0
+        && pasted.iter().all(|clip| clip.boxes.iter().flatten().all(|b| b.id < paste::FIRST_ID))
+    {
+        return Err(TrainError::NothingToPaste.into());
     }
+    footage.extend(pasted);
     Ok(footage)
 }
 
-/// Copies of the clips whose camera's attitude is known, with so many objects of other clips pasted in; none of those
-/// held back, and nothing of them.
-fn pasted(footage: &[Footage], count: usize, seed: u64) -> Vec<Footage> {
-    let learned = || footage.iter().filter(|clip| !clip.held_back);
-    let library = parallel::map(learned().collect(), |clip| {
-        if clip.turning.is_some() { Vec::new() } else { paste::runs(&clip.frames, &clip.boxes) }
-    });
-    let library: Vec<Vec<Run>> = library.into_iter().filter(|runs| !runs.is_empty()).collect();
-    let turned = learned().filter_map(|clip| Some((clip, clip.turning.as_ref()?)));
-    parallel::map(turned.collect(), |(clip, turning)| {
+/// Copies of the clips that have an anchor, with objects of other clips pasted in. A section's frames are in memory while
+/// objects are pasted into them.
+fn pasted(
+    footage: &[Footage],
+    library: &[Vec<Run>],
+    args: &TrainArgs,
+) -> Result<Vec<Footage>, Error> {
+    if library.is_empty() {
+        return Ok(Vec::new());
+    }
+    let spool = Arc::new(Spool::create(&args.out)?);
+    let count = if args.paste > 0 { args.paste } else { INTO_EMPTY };
+    let anchored = footage.iter().filter_map(|clip| Some((clip, clip.anchor.as_ref()?)));
+    let pasted = parallel::map(anchored.collect(), |(clip, anchor)| {
         let number = footage.len() + clip.number;
-        let mut random = Random::new(seed ^ (number as u64).rotate_left(24));
-        let (mut frames, mut boxes) = (clip.frames.clone(), clip.boxes.clone());
-        paste::paste(&mut frames, &mut boxes, turning, &library, count, &mut random);
-        let samples = clip.samples.clone();
-        Footage { number, pasted: true, held_back: false, samples, frames, boxes, turning: None }
-    })
+        let mut random = Random::new(args.seed ^ (number as u64).rotate_left(24));
+        let mut playback = Playback::open(clip)?;
+        let mut boxes = clip.boxes.clone();
+        let mut patches = Vec::new();
+        for (section, boxes) in boxes.chunks_mut(SECTION).enumerate() {
+            let first = section * SECTION;
+            let frames: Result<Vec<Frame>, Error> = (first..first + boxes.len())
+                .map(|index| playback.frame(index + 1).cloned())
+                .collect();
+            let frames = frames?;
+            let mut changed = frames.clone();
+            let scenery = Scenery { anchor, first, frames: &mut changed, boxes };
+            paste::paste(scenery, library, count, &mut random);
+            for (before, after) in frames.iter().zip(&changed) {
+                patches.push(spool.append(&difference(&before.pixels, &after.pixels))?);
+            }
+        }
+        Ok(Footage {
+            number,
+            kind: clip.kind,
+            pasted: true,
+            held_back: false,
+            samples: clip.samples.clone(),
+            boxes,
+            size: clip.size,
+            input: clip.input.clone(),
+            frame: clip.frame,
+            sampling: clip.sampling,
+            anchor: None,
+            patches,
+            spool: Some(Arc::clone(&spool)),
+        })
+    });
+    pasted.into_iter().collect()
 }
 
 /// Whether the clip at `place` of a folder is held back: every `hold_back`th (0: none).
@@ -111,144 +176,80 @@ pub fn is_held_back(place: usize, hold_back: usize) -> bool {
     hold_back > 0 && place % hold_back == hold_back - 1
 }
 
+/// Looks through a clip; also gives objects that can be pasted into others, if these are asked for.
 fn read(
     clip: clips::Clip,
     every: usize,
     args: &TrainArgs,
-    number: usize,
-    held_back: bool,
-) -> Result<Footage, Error> {
-    let mut source = sources::open(&clip.input.display().to_string())?;
+    (number, held_back, kind): (usize, bool, Kind),
+) -> Result<(Footage, Vec<Run>), Error> {
+    let input = clip.input.display().to_string();
+    let mut source = sources::open(&input)?;
     let mut footage = Footage {
         number,
+        kind,
         pasted: false,
         held_back,
         samples: Vec::new(),
-        frames: Vec::new(),
         boxes: Vec::new(),
-        turning: None,
+        size: (0, 0),
+        input,
+        frame: args.frame,
+        // Clips start at different phases, so that a folder of short clips is sampled evenly too.
+        sampling: (HISTORY + number % every, every),
+        anchor: None,
+        patches: Vec::new(),
+        spool: None,
     };
-    let mut scaling = Scaling::new(args.frame, 0, 0);
+    let mut decoded = Frame::default();
     let mut frame = Frame::default();
-    // Clips start at different phases, so that a folder of short clips is sampled evenly too.
-    let first = HISTORY + number % every;
-    while source.next_frame(&mut frame)? {
-        let index = footage.frames.len();
-        let next =
-            if index <= first { first } else { first + (index - first).div_ceil(every) * every };
-        let needed = next - index <= HISTORY;
-        scaling = Scaling::new(args.frame, frame.width, frame.height);
-        let mut seen = Frame::default();
-        if needed {
-            scaling.apply(&frame, &mut seen);
-        }
-        footage.frames.push(seen);
+    let mut runs = Runs::default();
+    let turned = Turning::is_known(&clip.directory)?;
+    let none = clip.ground_truth.boxes().next().is_none();
+    let pastes = !held_back && kind != Kind::Rendered && (args.paste > 0 || !args.empty.is_empty());
+    let (cuts, follows) = (pastes && !turned && !none, pastes && !turned && none);
+    let mut motions = Vec::new();
+    let mut registration = None;
+    while source.next_frame(&mut decoded)? {
+        let index = footage.boxes.len();
+        let scaling = Scaling::new(args.frame, decoded.width, decoded.height);
+        footage.size = scaling.seen();
         let boxes = clip.ground_truth.frame(index as u64 + 1);
-        footage.boxes.push(boxes.iter().map(|truth| scaling.truth(truth)).collect());
-        if index == next {
+        let boxes: Vec<TruthBox> = boxes.iter().map(|truth| scaling.truth(truth)).collect();
+        let needed = (cuts || follows) && footage.needs(index);
+        if needed {
+            scaling.apply(&decoded, &mut frame);
+        }
+        if cuts {
+            runs.push(needed.then_some(&frame), &boxes);
+        }
+        if follows {
+            motions.push(follow(&mut registration, needed.then_some(&frame)));
+        }
+        footage.boxes.push(boxes);
+        if index == next_sample(index, footage.sampling) {
             footage.samples.push(index + 1);
         }
     }
-    if args.paste > 0 {
-        footage.turning = Turning::of(&clip.directory, scaling.seen())?;
+    if follows {
+        footage.anchor = Some(Anchor::Motion(Arc::new(motions)));
+    } else if args.paste > 0 && pastes {
+        let turning = Turning::of(&clip.directory, footage.size)?;
+        footage.anchor = turning.map(|turning| Anchor::Attitude(Arc::new(turning)));
     }
-    Ok(footage)
+    Ok((footage, runs.finish()))
 }
 
-/// A sampled frame as the front end shows it.
-#[derive(Debug)]
-pub struct View<'a> {
-    /// A number unlike that of every other sampled frame.
-    pub number: u32,
-    /// The boxes of the frame as it looks.
-    pub boxes: Vec<TruthBox>,
-    /// Whether objects were pasted into it.
-    pub pasted: bool,
-    /// Whether it is of a clip that is held back.
-    pub held_back: bool,
-    /// The front end after the frame.
-    pub front: &'a FrontEnd,
-}
-
-/// What to show of the flights.
-#[derive(Debug, Clone, Copy)]
-pub struct Selection {
-    /// How deep into the past to compute.
-    pub depth: Depth,
-    /// Every `part.1`th sampled frame of a clip, beginning with the `part.0`th.
-    pub part: (usize, usize),
-    /// Seed of the looks; none shows the frames as they are. Held-back clips are always shown as they are.
-    pub looks: Option<u64>,
-}
-
-impl Selection {
-    /// The frames of a clip that are shown.
-    pub fn frames(&self, clip: &Footage) -> Vec<usize> {
-        clip.samples.iter().copied().skip(self.part.0 % self.part.1).step_by(self.part.1).collect()
-    }
-}
-
-/// Shows the selected frames to `work`, clips in parallel; results come in the order of clips and frames, whatever the
-/// number of threads.
-pub fn visit<T: Send>(
-    footage: &[Footage],
-    config: impl Fn(usize, usize) -> Config + Sync,
-    selection: &Selection,
-    tick: impl Fn() + Sync,
-    work: impl Fn(&View<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
-) -> Vec<T> {
-    let results = parallel::map(footage.iter().collect(), |clip: &Footage| {
-        let mut results = Vec::new();
-        for (segment, frames) in selection.frames(clip).chunks(SEGMENT).enumerate() {
-            let mut look = Look::PLAIN;
-            if let Some(seed) = selection.looks.filter(|_| !clip.held_back) {
-                let key = (clip.number * 1024 + segment) as u64;
-                look = Look::draw(&mut Random::new(seed ^ key.rotate_left(32)));
-            }
-            let size = &clip.frames[frames[0] - 1];
-            let (width, height) = look.size(size.width, size.height);
-            let config = config(width, height);
-            let mut memory = Memory::new(&config);
-            let bytes = memory.bytes();
-            let mut front = config.front();
-            let mut last = 0;
-            let mut picture = Frame::default();
-            for &frame in frames {
-                let slices = if selection.depth == Depth::Cube { SLICES } else { 1 };
-                let history = slices - 1 + REACH;
-                let start = frame.saturating_sub(history).max(1);
-                if last == 0 || start > last + 1 {
-                    front = config.front();
-                    last = start - 1;
-                }
-                for number in last + 1..=frame {
-                    look.apply(&clip.frames[number - 1], &mut picture);
-                    front.take(picture.view(), bytes);
-                    // Older frames are only there to be compared with.
-                    if number + slices <= frame {
-                        continue;
-                    }
-                    front.build(picture.view(), bytes, &mut || {});
-                    if number == frame {
-                        let (pyramid, _) = front.pyramid(picture.view(), bytes);
-                        let view = View {
-                            number: (clip.number * 4096 + frame) as u32,
-                            boxes: clip.boxes[frame - 1]
-                                .iter()
-                                .map(|truth| look.truth(truth, size.width))
-                                .collect(),
-                            pasted: clip.pasted,
-                            held_back: clip.held_back,
-                            front: &front,
-                        };
-                        results.extend(work(&view, &pyramid));
-                    }
-                }
-                last = frame;
-                tick();
-            }
-        }
-        results
-    });
-    results.into_iter().flatten().collect()
+/// The background's motion to the frame before; the identity where one of both is not needed.
+fn follow(registration: &mut Option<(Registration, Vec<u8>)>, frame: Option<&Frame>) -> Motion {
+    let Some(frame) = frame else {
+        *registration = None;
+        return Motion::IDENTITY;
+    };
+    let new = || {
+        let bytes = std::vec![0; Registration::buffer_len(frame.width, frame.height)];
+        (Registration::new(frame.width, frame.height), bytes)
+    };
+    let (registration, bytes) = registration.get_or_insert_with(new);
+    registration.register(frame.view(), bytes)
 }

@@ -1,4 +1,4 @@
-//! What a window is to be taken for.
+//! Labels of windows from the ground truth: positive, negative or ignored.
 
 use crate::channels::scale_space::{Level, TARGET_CELLS};
 use crate::channels::window::Position;
@@ -12,7 +12,7 @@ const SMALLEST: f64 = 7.0;
 /// A bird's class in the ground truth.
 pub const BIRD: u32 = 4;
 
-/// What a box of the ground truth means to the trainer.
+/// A box of the ground truth, as the trainer uses it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Truth {
     /// An aircraft to be found.

@@ -149,7 +149,7 @@ fn grid(temporal: bool) -> Vec<Feature> {
 mod tests {
     use super::*;
 
-    /// Whether a feature looks at a slice before the newest, or at what is known of them.
+    /// Whether a feature depends on older slices, or on the scalars computed from them.
     fn looks_back(feature: &Feature) -> bool {
         match feature.denominator {
             Denominator::Scalar => usize::from(feature.channel) >= FIRST_SCALAR,

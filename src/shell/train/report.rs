@@ -1,15 +1,16 @@
-//! What training tells: progress on the terminal, a log in JSON Lines, the generated part of the model card.
+//! Progress of a training on the terminal and as JSON Lines, and the generated part of a model card.
 
 use super::boost::Round;
+use super::stage::Stage;
+use super::{TrainArgs, TrainError};
 use crate::shell::error::Error;
-use crate::shell::support::file_error::FileError;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use std::fs::{self, File, OpenOptions};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use std::vec::Vec;
 use std::{eprintln, format};
 
@@ -17,7 +18,7 @@ use std::{eprintln, format};
 const BEGIN: &str = "<!-- written by lookout train -->";
 const END: &str = "<!-- end of what lookout train writes -->";
 
-/// What was learned from.
+/// Clips and frames learned from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Summary {
     /// Clips in all.
@@ -30,6 +31,24 @@ pub struct Summary {
     pub held_back_clips: usize,
     /// Frames of those.
     pub held_back_samples: usize,
+    /// Rendered flights among the clips.
+    pub rendered: usize,
+    /// Clips without targets among them.
+    pub empty: usize,
+}
+
+impl Summary {
+    /// Of which kinds the clips are, in words that follow their number.
+    fn more(&self) -> String {
+        let kinds = [
+            (self.rendered, "rendered"),
+            (self.empty, "without targets"),
+            (self.pasted_clips, "shown again with objects of others pasted in"),
+        ];
+        let kinds = kinds.iter().filter(|(count, _)| *count > 0);
+        let kinds: Vec<String> = kinds.map(|(count, kind)| format!("{count} {kind}")).collect();
+        if kinds.is_empty() { String::new() } else { format!(" ({})", kinds.join(", ")) }
+    }
 }
 
 /// Progress, log and card.
@@ -38,13 +57,18 @@ pub struct Report {
     path: PathBuf,
     log: File,
     started: Instant,
+    /// When the first stage of this run began, and the shares of the stages since.
+    worked: Option<(Instant, u64)>,
 }
+
+/// Share of a training's time that measuring the precision of scores takes, percent.
+const CALIBRATION: u64 = 8;
 
 impl Report {
     /// Starts the log at `path`, or goes on with it.
     ///
     /// # Errors
-    /// [`FileError::Write`].
+    /// [`Error::Write`].
     pub fn create(path: &Path, go_on: bool) -> Result<Self, Error> {
         let log = OpenOptions::new()
             .create(true)
@@ -52,14 +76,13 @@ impl Report {
             .append(go_on)
             .truncate(!go_on)
             .open(path)
-            .map_err(|source| FileError::Write { path: path.into(), source })?;
-        Ok(Self { path: path.into(), log, started: Instant::now() })
+            .map_err(Error::write(path))?;
+        Ok(Self { path: path.into(), log, started: Instant::now(), worked: None })
     }
 
     fn line(&mut self, mut value: serde_json::Value) -> Result<(), Error> {
         value["seconds"] = json!(self.started.elapsed().as_secs());
-        writeln!(self.log, "{value}")
-            .map_err(|source| FileError::Write { path: self.path.clone(), source }.into())
+        writeln!(self.log, "{value}").map_err(Error::write(&self.path))
     }
 
     /// A progress bar of a stage of `length` steps; 0 where the number is not known.
@@ -76,16 +99,32 @@ impl Report {
     /// Says something on the terminal and in the log.
     ///
     /// # Errors
-    /// [`FileError::Write`].
+    /// [`Error::Write`].
     pub fn note(&mut self, text: &str) -> Result<(), Error> {
         eprintln!("{:>6} s  {text}", self.started.elapsed().as_secs());
         self.line(json!({ "note": text }))
     }
 
+    /// Says that stage `number` of `stages` begins, and how long the rest will take by the stages before.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn stage(&mut self, stages: &[Stage], number: usize) -> Result<(), Error> {
+        let rest = stages[number..].iter().map(|stage| stage.share()).sum::<u64>() + CALIBRATION;
+        let (began, share) = *self.worked.get_or_insert_with(|| (Instant::now(), 0));
+        let left = match began.elapsed().as_secs_f64() * rest as f64 / share as f64 {
+            seconds if share > 0 => format!("; about {} left", duration(seconds)),
+            _ => String::new(),
+        };
+        self.worked = Some((began, share + stages[number].share()));
+        let (of, title) = (stages.len(), stages[number].title());
+        self.note(&format!("stage {} of {of}: {title}{left}", number + 1))
+    }
+
     /// A round of boosting in the log.
     ///
     /// # Errors
-    /// [`FileError::Write`].
+    /// [`Error::Write`].
     pub fn round(&mut self, stage: &str, round: &Round) -> Result<(), Error> {
         self.line(json!({
             "stage": stage,
@@ -95,43 +134,59 @@ impl Report {
         }))
     }
 
-    /// Writes the generated part of the card at `path`.
+    /// Prints size, precision and time of the model, and writes the card where one is asked for.
     ///
     /// # Errors
-    /// [`FileError::Write`].
-    pub fn card(
-        &self,
-        path: &Path,
-        model: &Path,
+    /// [`Error`] of a card that is no text or cannot be written.
+    pub fn finish(
+        &mut self,
+        args: &TrainArgs,
         bytes: &[u8],
         summary: &Summary,
         precision: &str,
-        time: Duration,
     ) -> Result<(), Error> {
-        let Summary { clips, pasted_clips, samples, held_back_clips, held_back_samples } = summary;
-        let again = match pasted_clips {
-            0 => String::new(),
-            clips => format!("; {clips} of them again with objects of others pasted in"),
-        };
-        let name = name(model);
+        let time = duration(self.started.elapsed().as_secs_f64());
+        self.note(&format!("precision on the clips held back (IoU 0.3): {precision}"))?;
+        self.note(&format!("{}: {} bytes, in {time}", args.out.display(), bytes.len()))?;
+        let Some(path) = &args.card else { return Ok(()) };
+        let name = name(&args.out);
+        let Summary { clips, samples, held_back_clips, held_back_samples, .. } = summary;
         let generated = format!(
             "{BEGIN}\n| | |\n| --- | --- |\n{}\n| command | `{}` |\n\
-             | learned from | {samples} frames of {} clips{again} |\n| held back to decide when to stop | \
-             {held_back_samples} frames of {held_back_clips} clips |\n{}\n| time | {} minutes |\n{END}",
+             | learned from | {samples} frames of {} clips{} |\n| held back to decide when to stop | \
+             {held_back_samples} frames of {held_back_clips} clips |\n{}\n| time | {time} |\n{END}",
             model_row(&name, bytes),
             super::command(),
             clips - held_back_clips,
+            summary.more(),
             precision_row(precision),
-            time.as_secs().div_ceil(60),
         );
-        let old = fs::read_to_string(path).unwrap_or_default();
+        let old = read_card(path)?;
         let text: String = match (old.find(BEGIN), old.find(END)) {
             (Some(begin), Some(end)) if begin < end => {
                 format!("{}{generated}{}", &old[..begin], &old[end + END.len()..])
             }
-            _ => format!("{old}# {name}\n\n{generated}\n"),
+            _ if old.is_empty() => format!("# {name}\n\n{generated}\n"),
+            _ => format!("{}\n\n# {name}\n\n{generated}\n", old.trim_end()),
         };
         super::write(path, text.as_bytes())
+    }
+}
+
+/// The card at `path`; empty where there is none.
+fn read_card(path: &Path) -> Result<String, Error> {
+    match fs::read_to_string(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(String::new()),
+        text => Ok(text.map_err(|source| TrainError::Card { path: path.into(), source })?),
+    }
+}
+
+/// Seconds as a person says them.
+fn duration(seconds: f64) -> String {
+    match seconds.max(0.0).round() as u64 {
+        seconds if seconds < 90 => format!("{seconds} seconds"),
+        seconds if seconds < 5400 => format!("{} minutes", (seconds + 30) / 60),
+        seconds => format!("{:.1} hours", seconds as f64 / 3600.0),
     }
 }
 
@@ -152,9 +207,9 @@ fn precision_row(precision: &str) -> String {
 /// without a generated part is left as it is.
 ///
 /// # Errors
-/// [`FileError::Write`].
+/// [`Error::Write`].
 pub fn refresh_card(path: &Path, model: &Path, bytes: &[u8], precision: &str) -> Result<(), Error> {
-    let old = fs::read_to_string(path).unwrap_or_default();
+    let old = read_card(path)?;
     let Some((before, rest)) = old.split_once(BEGIN) else { return Ok(()) };
     let Some((generated, after)) = rest.split_once(END) else { return Ok(()) };
     let row = precision_row(precision);

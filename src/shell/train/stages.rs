@@ -1,16 +1,20 @@
 //! The stages of training, each from the parts before it.
 
-use super::boost::{
-    Bagging, Booster, Data, Loss, Options, Round, Samples, TrainedForest, reject_thresholds,
-};
+use super::boost::{Bagging, Data, Loss, Options, Samples, TrainedForest, reject_thresholds};
 use super::cubes::{self, Row};
 use super::file::Parts;
 use super::fits;
-use super::footage::{self, Depth, Footage, Selection, View, visit};
+use super::footage::{self, Footage};
+use super::growth::{bag, boost};
+use super::labels::BIRD;
+use super::listing::Kind;
 use super::pool;
 use super::report::{Report, Summary};
-use super::windows::{self, Table, Window, balanced};
-use super::{CubeLoss, TrainArgs};
+use super::rows::RowFile;
+use super::visit::{Depth, Selection, View, visit};
+use super::window_files::WindowFiles;
+use super::windows::{self, Maps, Table, Window, balanced};
+use super::{CubeLoss, TrainArgs, TrainError};
 use crate::channels::scale_space::Pyramid;
 use crate::detector::Config;
 use crate::model::{Model, Section};
@@ -18,10 +22,8 @@ use crate::shell::error::Error;
 use crate::shell::pipeline::methods::{Learner, Recipe};
 use crate::shell::support::interrupt;
 use crate::shell::support::random::Random;
-use crate::shell::train::TrainError;
 use crate::trees::MAX_DEPTH;
 use std::format;
-use std::ops::ControlFlow;
 use std::vec::Vec;
 
 /// Bins of a feature less one.
@@ -44,8 +46,8 @@ const BAGGING: Bagging = Bagging {
     seed: 0,
 };
 
-/// What a window of a clip with pasted objects weighs where a box's x, y, width and height are learned. Weighing as much
-/// as others they pull large targets before the sky in: on clips held back (every fourth), of windows on targets, boxes
+/// Weight of a window of a clip with pasted objects in the regressors of x, y, width and height of a box. At weight 1
+/// they pull large targets before the sky in: on clips held back (every fourth), of windows on targets, boxes
 /// with an IoU over 0.5 were 0.851 of the airborne and 0.972 of the real ones without them, 0.872 and 0.951 at weight 1,
 /// 0.867 and 0.964 at 0.3; heights gained nothing.
 const PASTED: [f32; 4] = [0.3, 0.3, 0.3, 0.0];
@@ -60,15 +62,41 @@ const FIT_FEATURES: usize = 3000;
 /// Features to choose from for φ_h and φ_v.
 const PATCH_FEATURES: usize = 900;
 
-/// The flights and the settings.
+/// A pass over the sampled frames.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pass<'a> {
+    /// Its name on the terminal.
+    name: &'a str,
+    depth: Depth,
+    /// Every `part.1`th sampled frame, beginning with the `part.0`th.
+    part: (usize, usize),
+    /// Windows that the scan hands on.
+    candidates: usize,
+    /// Whether clips with pasted objects are shown too.
+    pasted: bool,
+}
+
+impl<'a> Pass<'a> {
+    /// All frames, of each the newest slice, one candidate.
+    const fn new(name: &'a str) -> Self {
+        Self { name, depth: Depth::Newest, part: (0, 1), candidates: 1, pasted: true }
+    }
+
+    /// All frames with their older slices; `candidates` windows of each.
+    pub(super) const fn cubes(candidates: usize) -> Self {
+        Self { depth: Depth::Cube, candidates, ..Self::new("st-cubes") }
+    }
+}
+
+/// The clips, the arguments and the method of a training.
 pub struct Trainer<'a> {
-    args: &'a TrainArgs,
-    recipe: Recipe,
+    pub(super) args: &'a TrainArgs,
+    pub(super) recipe: Recipe,
     footage: Vec<Footage>,
 }
 
 impl<'a> Trainer<'a> {
-    /// Reads the flights.
+    /// Looks through the clips.
     pub fn load(args: &'a TrainArgs, recipe: Recipe, report: &Report) -> Result<Self, Error> {
         let bar = report.bar("reading clips", 0);
         let footage = footage::load(args, || bar.inc(1))?;
@@ -76,7 +104,7 @@ impl<'a> Trainer<'a> {
         Ok(Self { args, recipe, footage })
     }
 
-    /// What was learned from.
+    /// Number of clips and frames learned from, by kind.
     pub fn summary(&self) -> Summary {
         let own = || self.footage.iter().filter(|f| !f.pasted);
         let samples =
@@ -87,62 +115,111 @@ impl<'a> Trainer<'a> {
             samples: samples(false),
             held_back_clips: self.footage.iter().filter(|f| f.held_back).count(),
             held_back_samples: samples(true),
+            rendered: own().filter(|f| f.kind == Kind::Rendered).count(),
+            empty: own().filter(|f| f.boxes.iter().flatten().all(|b| b.class == BIRD)).count(),
         }
     }
 
-    fn config(&self, candidates: usize) -> impl Fn(usize, usize) -> Config + Sync + use<> {
+    pub(super) fn config(
+        &self,
+        candidates: usize,
+    ) -> impl Fn(usize, usize) -> Config + Sync + use<> {
         let method = self.recipe.method;
         move |width, height| Config { candidates, ..Config::for_method(method, width, height) }
     }
 
     /// Random numbers of one purpose, for one frame.
-    fn random(&self, purpose: u64, number: u32) -> Random {
+    pub(super) fn random(&self, purpose: u64, number: u32) -> Random {
         let mut random = Random::new(self.args.seed ^ (purpose << 56) ^ (u64::from(number) << 16));
         random.bits();
         random
     }
 
-    /// Shows every `part.1`th sampled frame, beginning with the `part.0`th, to `work`.
+    /// Shows frames to `work`; its results in the order of clips and frames.
     fn each<T: Send>(
         &self,
         report: &Report,
-        what: &str,
-        depth: Depth,
-        part: (usize, usize),
-        candidates: usize,
+        pass: Pass<'_>,
         work: impl Fn(&View<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
-    ) -> Vec<T> {
+    ) -> Result<Vec<T>, Error> {
+        Ok(self.pack(report, pass, work, Ok)?.into_iter().flatten().collect())
+    }
+
+    /// As [`Trainer::each`], for rows of `features` values: the rows without their values, and the binned values, with `fixed` edges
+    /// of the first features among the others.
+    pub(super) fn rows(
+        &self,
+        report: &Report,
+        pass: Pass<'_>,
+        features: usize,
+        fixed: &[Vec<u16>],
+        work: impl Fn(&View<'_>, &Pyramid<'_>) -> Vec<Row> + Sync,
+    ) -> Result<(Vec<Row>, Samples), Error> {
+        let file = RowFile::create(&self.args.out, features)?;
+        let packed = self.pack(report, pass, work, |rows| file.pack(rows))?;
+        file.unpack(packed, EDGES, fixed)
+    }
+
+    /// As [`Trainer::each`], but passes the results of each clip to `pack`.
+    fn pack<T: Send, P: Send>(
+        &self,
+        report: &Report,
+        pass: Pass<'_>,
+        work: impl Fn(&View<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
+        pack: impl Fn(Vec<T>) -> Result<P, Error> + Sync,
+    ) -> Result<Vec<P>, Error> {
         let looks = (!self.args.plain).then_some(self.args.seed);
-        let selection = Selection { depth, part, looks };
-        let count: usize = self.footage.iter().map(|clip| selection.frames(clip).len()).sum();
-        let bar = report.bar(what, count as u64);
-        let config = self.config(candidates);
+        let selection = Selection { depth: pass.depth, part: pass.part, looks };
+        let footage: Vec<&Footage> =
+            self.footage.iter().filter(|clip| pass.pasted || !clip.pasted).collect();
+        let count: usize = footage.iter().map(|clip| selection.frames(clip).len()).sum();
+        let bar = report.bar(pass.name, count as u64);
+        let config = self.config(pass.candidates);
         let work = |view: &View<'_>, pyramid: &Pyramid<'_>| {
             if interrupt::requested() { Vec::new() } else { work(view, pyramid) }
         };
-        let results = visit(&self.footage, config, &selection, || bar.inc(1), work);
+        let results = visit(&footage, config, &selection, || bar.inc(1), work, pack);
         bar.finish_and_clear();
         results
     }
 
-    /// The soft cascade over windows, with rounds of hard negatives from whole frames.
-    pub fn scan(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
-        let mut windows: Vec<Window> =
-            self.each(report, "windows", Depth::Newest, (0, 1), 1, |view, pyramid| {
+    /// The soft cascade over windows, with rounds of hard negatives from whole frames. Windows are kept in `files`: a
+    /// training that was ended goes on with the round after the last one whose windows are there.
+    pub fn scan(
+        &self,
+        parts: &mut Parts,
+        report: &mut Report,
+        files: &WindowFiles,
+    ) -> Result<(), Error> {
+        let mut windows: Vec<Window> = match files.load(0) {
+            Some(windows) => windows,
+            None => self.each(report, Pass::new("windows"), |view, pyramid| {
                 let mut random = self.random(1, view.number);
-                let mut windows = windows::positives(view, pyramid);
-                windows.extend(windows::random_negatives(
-                    view,
-                    pyramid,
-                    RANDOM_WINDOWS,
-                    &mut random,
-                ));
+                let maps = Maps::of(pyramid);
+                let mut windows = windows::positives(view, pyramid, &maps);
+                let count = RANDOM_WINDOWS;
+                windows.extend(windows::random_negatives(view, pyramid, &maps, count, &mut random));
                 windows
-            });
+            })?,
+        };
+        if interrupt::requested() {
+            return Ok(());
+        }
+        if !windows.iter().any(|w| w.target.is_some() && !w.held_back) {
+            let learned = || self.footage.iter().filter(|f| !f.held_back && !f.pasted);
+            let frames = learned().map(|f| f.samples.len()).sum();
+            return Err(TrainError::NoTargets { clips: learned().count(), frames }.into());
+        }
+        files.save(0, &windows)?;
         // Where no cubes follow, their trees and their negatives are the windows'.
         let alone = !self.recipe.method.stcube;
         let rounds = self.args.mining + usize::from(alone);
-        for round in 0..=rounds {
+        let mut first = 0;
+        while let Some(saved) = (first < rounds).then(|| files.load(first + 1)).flatten() {
+            windows.extend(saved);
+            first += 1;
+        }
+        for round in first..=rounds {
             let last = round == rounds;
             let size = match (last, alone) {
                 (true, true) => (self.args.cube_trees, self.args.cube_depth),
@@ -150,20 +227,26 @@ impl<'a> Trainer<'a> {
                 _ => (self.args.scan_trees >> (2 - round.min(2)), self.args.scan_depth),
             };
             let channels = self.recipe.map_channels;
-            let table = Table::new(&windows, EDGES, channels).map_err(training)?;
+            let table = Table::new(&windows, EDGES, channels).map_err(TrainError::Samples)?;
             let positives = windows.iter().filter(|w| w.target.is_some()).count();
             report.note(&format!(
-                "scan, round {round}: {positives} positives, {} negatives",
+                "round {} of {}: {positives} windows with a target, {} without",
+                round + 1,
+                rounds + 1,
                 windows.len() - positives
             ))?;
             let name = format!("scan {round}/{rounds}");
             let mut forest = self.window_trees(report, &name, round, size, &table)?;
             // Thresholds from the targets held back, where there are any: those learned from score too well.
-            let held_back = table.validation().is_some();
+            let any = |held_back: bool| {
+                windows.iter().any(|w| w.target.is_some() && w.held_back == held_back)
+            };
+            let held_back = any(true);
             let rows: Vec<usize> = (0..windows.len())
                 .filter(|&r| windows[r].target.is_some() && windows[r].held_back == held_back)
                 .collect();
-            let running = forest.running_scores(&table.samples, &rows).map_err(training)?;
+            let running =
+                forest.running_scores(&table.samples, &rows).map_err(TrainError::Boost)?;
             let bags: Vec<u32> =
                 rows.iter().map(|&r| windows[r].target.unwrap_or_default()).collect();
             let keep = if last && !alone { self.args.scan_keep } else { 0.99 };
@@ -174,22 +257,26 @@ impl<'a> Trainer<'a> {
             }
             drop(table);
             let bytes = parts.encode();
-            let model = Model::parse(&bytes).map_err(training)?;
+            let model = Model::parse(&bytes).map_err(TrainError::Model)?;
             let (part, count) = match round == self.args.mining {
                 true => ((0, 1), self.args.candidates),
                 false => ((round, 2), HARD_WINDOWS),
             };
             let config = self.config(count)(0, 0);
-            let hard =
-                self.each(report, "hard negatives", Depth::Newest, part, count, |view, pyramid| {
-                    windows::hard_negatives(view, pyramid, &model, &config)
-                });
+            let pass = Pass { part, candidates: count, ..Pass::new("hard negatives") };
+            let hard = self.each(report, pass, |view, pyramid| {
+                windows::hard_negatives(view, pyramid, &model, &config)
+            })?;
+            if interrupt::requested() {
+                break;
+            }
+            files.save(round + 1, &hard)?;
             windows.extend(hard);
         }
         Ok(())
     }
 
-    /// The trees over windows, so many of such a depth.
+    /// A forest over windows of `trees` trees of depth `depth`.
     fn window_trees(
         &self,
         report: &mut Report,
@@ -222,14 +309,13 @@ impl<'a> Trainer<'a> {
     /// φ_h and φ_v.
     pub fn regressors(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
         let pool = pool::patch(PATCH_FEATURES, &mut self.random(2, 0));
-        let rows: Vec<Row> =
-            self.each(report, "patches", Depth::Newest, (0, 2), 1, |view, pyramid| {
-                let mut random = self.random(3, view.number);
-                cubes::patches(view, pyramid, &pool, &mut random)
-            });
+        let pass = Pass { part: (0, 2), pasted: false, ..Pass::new("patches") };
+        let (rows, samples) = self.rows(report, pass, pool.len(), &[], |view, pyramid| {
+            cubes::patches(view, pyramid, &pool, &mut self.random(3, view.number))
+        })?;
         let sections = [Section::Horizontal, Section::Vertical];
         // None of the rows is of a clip with pasted objects.
-        let forests = self.offsets(report, &sections, &rows, &columns(&rows)?, PASTED)?;
+        let forests = self.offsets(report, &sections, &rows, &samples, PASTED)?;
         parts.set_forests(Section::PatchFeatures, &pool, forests);
         Ok(())
     }
@@ -281,25 +367,16 @@ impl<'a> Trainer<'a> {
         let Recipe { method, sees, .. } = self.recipe;
         let pool = pool::cube(self.args.features, sees, method.temporal, &mut self.random(4, 0));
         let bytes = parts.encode();
-        let model = Model::parse(&bytes).map_err(training)?;
+        let model = Model::parse(&bytes).map_err(TrainError::Model)?;
         let config = self.config(self.args.candidates)(0, 0);
-        let rows: Vec<Row> = self.each(
-            report,
-            "cubes",
-            Depth::Cube,
-            (0, 1),
-            self.args.candidates,
-            |view, pyramid| {
-                let mut random = self.random(5, view.number);
-                cubes::cubes(view, pyramid, &model, &config, &pool, &mut random)
-            },
-        );
-        let (found, missed) = (
-            rows.iter().filter(|r| r.label > 0.0).count(),
-            rows.iter().filter(|r| r.label < 0.0).count(),
-        );
-        report.note(&format!("cubes: {found} positives, {missed} negatives"))?;
-        let samples = columns(&rows)?;
+        let pass = Pass::cubes(self.args.candidates);
+        let (rows, samples) = self.rows(report, pass, pool.len(), &[], |view, pyramid| {
+            let mut random = self.random(5, view.number);
+            cubes::cubes(view, pyramid, &model, &config, &pool, &mut random)
+        })?;
+        if method.stcube {
+            self.check_labels(report, &rows)?;
+        }
         let mut forests = Vec::new();
         if method.stcube {
             forests.push((Section::Cube, self.classifier(report, &rows, &samples)?));
@@ -310,19 +387,33 @@ impl<'a> Trainer<'a> {
         Ok(())
     }
 
-    /// What fits boxes to objects.
+    /// The regressors that fit boxes to objects.
     pub fn fits(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
         let temporal = self.recipe.method.temporal;
         let pool = pool::stretched(FIT_FEATURES, temporal, &mut self.random(6, 0));
-        let rows: Vec<Row> =
-            self.each(report, "fits", Depth::Newest, (0, 1), 1, |view, pyramid| {
+        let (rows, samples) =
+            self.rows(report, Pass::new("fits"), pool.len(), &[], |view, pyramid| {
                 fits::fits(view, pyramid, &pool, &mut self.random(7, view.number))
-            });
-        report.note(&format!("fits: {} windows", rows.len()))?;
+            })?;
+        report.note(&format!("{} boxes to fit", rows.len()))?;
         let sections = [Section::FitX, Section::FitY, Section::FitWidth, Section::FitHeight];
-        let forests = self.offsets(report, &sections, &rows, &columns(&rows)?, PASTED_FITS)?;
+        let forests = self.offsets(report, &sections, &rows, &samples, PASTED_FITS)?;
         parts.set_forests(Section::FitFeatures, &pool, forests);
         Ok(())
+    }
+
+    /// Whether the classifier has both kinds of candidates to learn from; after Ctrl-C there may be none.
+    pub(super) fn check_labels(&self, report: &mut Report, rows: &[Row]) -> Result<(), Error> {
+        let count = |label: f32| rows.iter().filter(|r| r.label == label).count();
+        let (found, missed) = (count(1.0), count(-1.0));
+        report.note(&format!("{found} st-cubes of targets, {missed} of false candidates"))?;
+        let learned = |label: f32| rows.iter().any(|r| r.label == label && !r.held_back);
+        match (learned(1.0), learned(-1.0)) {
+            _ if interrupt::requested() => Ok(()),
+            (false, _) => Err(TrainError::NoTrueCandidates.into()),
+            (true, false) => Err(TrainError::NoFalseCandidates.into()),
+            (true, true) => Ok(()),
+        }
     }
 
     /// The classifier of cubes.
@@ -356,84 +447,21 @@ impl<'a> Trainer<'a> {
         };
         let data = Data { samples, targets: &targets, weights: &weights };
         let validation = Data { weights: &held_back, ..data };
-        let validation = held_back.iter().any(|&w| w > 0.0).then_some(validation);
-        let mut forest = boost(report, "cube", options, data, validation)?;
-        let any_held_back = validation.is_some();
+        let validation = both(rows).then_some(validation);
+        let mut forest = boost(report, "classifier", options, data, validation)?;
+        let held_back = rows.iter().any(|r| r.label > 0.0 && r.held_back);
         let kept: Vec<usize> = (0..rows.len())
-            .filter(|&r| rows[r].label > 0.0 && rows[r].held_back == any_held_back)
+            .filter(|&r| rows[r].label > 0.0 && rows[r].held_back == held_back)
             .collect();
-        let running = forest.running_scores(samples, &kept).map_err(training)?;
+        let running = forest.running_scores(samples, &kept).map_err(TrainError::Boost)?;
         let bags: Vec<u32> = kept.iter().map(|&r| rows[r].target).collect();
         forest.set_reject_thresholds(&reject_thresholds(&running, &bags, 0.999));
         Ok(forest)
     }
 }
 
-/// Bins the rows' values.
-fn columns(rows: &[Row]) -> Result<Samples, Error> {
-    let features = rows.first().map_or(0, |row| row.values.len());
-    let column = |i: usize| rows.iter().map(|row| row.values[i]).collect();
-    Samples::from_columns((0..features).map(column), EDGES).map_err(training)
-}
-
-/// Boosts with a progress bar and the log.
-fn boost(
-    report: &mut Report,
-    name: &str,
-    options: Options,
-    data: Data<'_>,
-    validation: Option<Data<'_>>,
-) -> Result<TrainedForest, Error> {
-    let bar = report.bar(name, options.rounds as u64);
-    let booster = Booster::new(options, data, validation).map_err(training)?;
-    let mut failed = None;
-    let (forest, best) = booster.run(|round: &Round| {
-        bar.inc(1);
-        bar.set_message(format!(
-            "{name}: loss {:.4}, held back {:.4}",
-            round.train_loss,
-            round.validation_loss.unwrap_or(f64::NAN)
-        ));
-        if let Err(error) = report.round(name, round) {
-            failed = Some(error);
-        }
-        if failed.is_some() || interrupt::requested() {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
-    });
-    bar.finish_and_clear();
-    if let Some(error) = failed {
-        return Err(error);
-    }
-    report.note(&format!(
-        "{name}: {} trees, loss {:.4}, held back {:.4}",
-        best.trees,
-        best.train_loss,
-        best.validation_loss.unwrap_or(f64::NAN)
-    ))?;
-    Ok(forest)
-}
-
-/// Grows a random forest with a progress bar and the log.
-fn bag(
-    report: &mut Report,
-    name: &str,
-    bagging: &Bagging,
-    data: Data<'_>,
-) -> Result<TrainedForest, Error> {
-    let bar = report.bar(name, bagging.trees as u64);
-    let forest = bagging.run(data, || {
-        bar.inc(1);
-        if interrupt::requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    });
-    bar.finish_and_clear();
-    let forest = forest.map_err(training)?;
-    report.note(&format!("{name}: {} trees of a random forest", forest.trees().len()))?;
-    Ok(forest)
-}
-
-fn training(source: impl core::fmt::Display) -> Error {
-    TrainError::Training { reason: format!("{source}") }.into()
+/// Whether rows of both labels are held back.
+pub(super) fn both(rows: &[Row]) -> bool {
+    let any = |label: f32| rows.iter().any(|r| r.label == label && r.held_back);
+    any(1.0) && any(-1.0)
 }

@@ -1,8 +1,8 @@
 //! Windows for the scan: positives, random negatives, hard negatives.
 
 use super::boost::{Data, Samples, SamplesError};
-use super::footage::View;
 use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
+use super::visit::View;
 use crate::channels::scale_space::Pyramid;
 use crate::channels::window::PADDING;
 use crate::channels::window::Position;
@@ -28,7 +28,7 @@ fn tolerance(pyramid: &Pyramid<'_>) -> Tolerance {
     }
 }
 
-/// Values of a window's map and what it shows.
+/// A window of the scan: the values of its aggregate channels, and its label.
 #[derive(Debug, Clone)]
 pub struct Window {
     /// All values.
@@ -40,13 +40,14 @@ pub struct Window {
 }
 
 /// The whole maps of all levels; empty for levels that are not searched.
-struct Maps {
+pub struct Maps {
     columns: Vec<usize>,
     bytes: Vec<Vec<u8>>,
 }
 
 impl Maps {
-    fn of(pyramid: &Pyramid<'_>) -> Self {
+    /// Of the newest frame.
+    pub fn of(pyramid: &Pyramid<'_>) -> Self {
         let noise = scan::noise(pyramid, &mut vec![0; scan::noise_words(pyramid.levels())]);
         let mut bytes = vec![Vec::new(); pyramid.levels().len()];
         for pictures in pyramid.searched() {
@@ -84,9 +85,9 @@ pub fn candidates(pyramid: &Pyramid<'_>, model: &Model<'_>, config: &Config) -> 
 }
 
 /// All windows that show a target of the frame.
-pub fn positives(view: &View<'_>, pyramid: &Pyramid<'_>) -> Vec<Window> {
+pub fn positives(view: &View<'_>, pyramid: &Pyramid<'_>, maps: &Maps) -> Vec<Window> {
     let truths = truths(&view.boxes);
-    let (maps, tolerance) = (Maps::of(pyramid), tolerance(pyramid));
+    let tolerance = tolerance(pyramid);
     let mut windows = Vec::new();
     for (target, truth) in truths.iter().enumerate() {
         let Truth::Target(truth) = truth else { continue };
@@ -119,11 +120,12 @@ pub fn positives(view: &View<'_>, pyramid: &Pyramid<'_>) -> Vec<Window> {
 pub fn random_negatives(
     view: &View<'_>,
     pyramid: &Pyramid<'_>,
+    maps: &Maps,
     count: usize,
     random: &mut Random,
 ) -> Vec<Window> {
     let truths = truths(&view.boxes);
-    let (maps, tolerance) = (Maps::of(pyramid), tolerance(pyramid));
+    let tolerance = tolerance(pyramid);
     let active: Vec<usize> = pyramid.searched().map(|level| level.number.into()).collect();
     let mut windows = Vec::new();
     for _ in 0..count {
@@ -206,8 +208,10 @@ impl Table {
 
     /// The rows held back, if there are any of both kinds.
     pub fn validation(&self) -> Option<Data<'_>> {
-        let any = self.held_back.iter().any(|&w| w > 0.0);
-        any.then_some(Data {
+        let any = |target: f32| {
+            self.held_back.iter().zip(&self.targets).any(|(&w, &t)| w > 0.0 && t == target)
+        };
+        (any(1.0) && any(-1.0)).then_some(Data {
             samples: &self.samples,
             targets: &self.targets,
             weights: &self.held_back,

@@ -74,6 +74,27 @@ impl TrainedForest {
         bytes
     }
 
+    /// The thresholds that the trees compare each of `features` features with, ascending.
+    pub fn thresholds(&self, features: usize) -> Vec<Vec<u16>> {
+        let mut thresholds = std::vec![Vec::new(); features];
+        let nodes = self.trees.iter().flat_map(|tree| &tree.nodes);
+        for node in nodes.filter(|node| **node != Node::LEFT) {
+            if let Some(of) = thresholds.get_mut(usize::from(node.feature)) {
+                of.push(node.threshold);
+            }
+        }
+        for of in &mut thresholds {
+            of.sort_unstable();
+            of.dedup();
+        }
+        thresholds
+    }
+
+    /// The rejection thresholds of the trees.
+    pub fn reject_thresholds(&self) -> Vec<i32> {
+        self.trees.iter().map(|tree| tree.reject_threshold).collect()
+    }
+
     /// Keeps the first `trees` trees only.
     pub fn truncate(&mut self, trees: usize) {
         self.trees.truncate(trees);
@@ -148,6 +169,11 @@ mod tests {
         #[test]
         fn bytes_and_back(forest in forest()) {
             let bytes = forest.encode();
+            let thresholds = forest.thresholds(40);
+            for node in forest.trees.iter().flat_map(|tree| &tree.nodes) {
+                let known = thresholds[usize::from(node.feature)].contains(&node.threshold);
+                prop_assert!(known || *node == Node::LEFT);
+            }
             let (view, rest) = Forest::parse(&bytes).unwrap();
             prop_assert!(rest.is_empty());
             prop_assert_eq!(TrainedForest::from(view), forest);

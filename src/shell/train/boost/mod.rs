@@ -246,6 +246,11 @@ impl<'a> Booster<'a> {
         Ok(Self { options, train, validation, forest, last, best: last })
     }
 
+    /// From now on the forest so far counts as the best: no tree of it is left out by [`Booster::run`].
+    pub fn keep(&mut self) {
+        self.best = self.last;
+    }
+
     /// Boosts until the options' rounds are done, patience ends, or `report` breaks. Keeps the trees up to the
     /// best validation loss, all without validation; gives the round kept.
     pub fn run(

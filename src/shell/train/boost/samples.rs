@@ -55,13 +55,16 @@ impl Samples {
         columns: impl IntoIterator<Item = Vec<u16>>,
         max_edges: usize,
     ) -> Result<Self, SamplesError> {
-        let (mut all_edges, mut bins, mut rows) = (Vec::new(), Vec::new(), None);
-        for (feature, column) in columns.into_iter().enumerate() {
-            let edges = edges(&mut column.clone(), max_edges);
-            push_column(&mut bins, feature, *rows.get_or_insert(column.len()), &column, &edges)?;
-            all_edges.push(edges);
-        }
-        Self { rows: rows.unwrap_or(0), edges: all_edges, bins }.checked()
+        let mut columns = columns.into_iter().peekable();
+        let mut builder = Self::builder(columns.peek().map_or(0, Vec::len), max_edges);
+        columns.try_for_each(|column| builder.push(column, &[]))?;
+        builder.finish()
+    }
+
+    /// Samples of `rows` rows that are binned column by column, as by [`Samples::from_columns`].
+    pub fn builder(rows: usize, max_edges: usize) -> SamplesBuilder {
+        let samples = Self { rows, edges: Vec::new(), bins: Vec::new() };
+        SamplesBuilder { samples, max_edges }
     }
 
     /// Bins the features' columns of `rows` rows by given edges, one set for each column.
@@ -132,6 +135,39 @@ impl Samples {
     /// The bins of a feature, row by row. Panics if there is no such feature.
     pub fn column(&self, feature: u16) -> &[u8] {
         &self.bins[usize::from(feature) * self.rows..][..self.rows]
+    }
+}
+
+/// [`Samples`] under way.
+#[derive(Debug)]
+pub struct SamplesBuilder {
+    samples: Samples,
+    max_edges: usize,
+}
+
+impl SamplesBuilder {
+    /// Adds a feature's column, with `fixed` among its edges.
+    ///
+    /// # Errors
+    /// [`SamplesError::Rows`]; [`SamplesError::Edges`] for more fixed edges than there can be.
+    pub fn push(&mut self, column: Vec<u16>, fixed: &[u16]) -> Result<(), SamplesError> {
+        let Samples { rows, edges: all, bins } = &mut self.samples;
+        let room = self.max_edges.min(MAX_EDGES.saturating_sub(fixed.len()));
+        let mut edges = edges(&mut column.clone(), room);
+        edges.extend(fixed);
+        edges.sort_unstable();
+        edges.dedup();
+        push_column(bins, all.len(), *rows, &column, &edges)?;
+        all.push(edges);
+        Ok(())
+    }
+
+    /// The samples.
+    ///
+    /// # Errors
+    /// [`SamplesError::TooManyFeatures`].
+    pub fn finish(self) -> Result<Samples, SamplesError> {
+        self.samples.checked()
     }
 }
 

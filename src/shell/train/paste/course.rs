@@ -28,9 +28,9 @@ pub struct Course {
 enum Approach {
     /// It stays as far.
     None,
-    /// Contact after so many seconds.
+    /// Contact after this many seconds.
     Contact(f64),
-    /// Twice as far after so many seconds.
+    /// Seconds after which it is twice as far away.
     Away(f64),
 }
 

@@ -2,9 +2,10 @@
 //!
 //! A recorded flight shows one or two objects, always the same before the same background: trees can learn the pair of
 //! them by heart. Objects cut out of a plain sky and drawn into the flight on courses of their own break these pairs
-//! (Dwibedi, Misra and Hebert, "Cut, Paste and Learn", ICCV 2017). They move before the world, not the frame: the
-//! camera's attitude has to be known.
+//! (Dwibedi, Misra and Hebert, "Cut, Paste and Learn", ICCV 2017). They move before the world, not the frame: by the
+//! camera's attitude where it is known, else by the background's measured motion ([`Anchor`]).
 
+mod anchor;
 mod course;
 
 mod turning;
@@ -14,6 +15,7 @@ use crate::shell::formats::clips::TruthBox;
 use crate::shell::render::Cutout;
 use crate::shell::sources::Frame;
 use crate::shell::support::random::Random;
+pub use anchor::Anchor;
 use course::Course;
 use std::vec::Vec;
 pub use turning::Turning;
@@ -46,35 +48,54 @@ const LARGEST: f64 = 1.6;
 /// Smallest contrast of an object that is to be found, grey levels.
 const FAINT: f64 = 12.0;
 
+/// A point of the frame: pixels to the right and down.
+type Place = [f64; 2];
+
 /// An object in successive frames.
 pub type Run = Vec<Cutout>;
 
 /// The objects of a clip that stand before a plain sky, in runs of successive frames.
-pub fn runs(frames: &[Frame], boxes: &[Vec<TruthBox>]) -> Vec<Run> {
-    let mut runs = Vec::new();
-    let mut run = Run::new();
-    for (frame, boxes) in frames.iter().zip(boxes) {
-        let object = match boxes.as_slice() {
-            [one] if one.class != BIRD && !frame.pixels.is_empty() => Cutout::cut(frame, one),
+#[derive(Debug, Default)]
+pub struct Runs {
+    ended: Vec<Run>,
+    run: Run,
+}
+
+impl Runs {
+    /// Looks at the next frame; none where it is not known.
+    pub fn push(&mut self, frame: Option<&Frame>, boxes: &[TruthBox]) {
+        let object = match (frame, boxes) {
+            (Some(frame), [one]) if one.class != BIRD => Cutout::cut(frame, one),
             _ => None,
         };
         let ended = object.is_none();
-        run.extend(object);
-        if run.len() == MOST.0 || ended {
-            runs.push(core::mem::take(&mut run));
+        self.run.extend(object);
+        if self.run.len() == MOST.0 || ended {
+            self.end();
         }
     }
-    runs.push(run);
-    runs.retain(|run| run.len() >= FEWEST);
-    runs.truncate(MOST.1);
-    runs
+
+    fn end(&mut self) {
+        let run = core::mem::take(&mut self.run);
+        if run.len() >= FEWEST && self.ended.len() < MOST.1 {
+            self.ended.push(run);
+        }
+    }
+
+    /// The runs.
+    pub fn finish(mut self) -> Vec<Run> {
+        self.end();
+        self.ended
+    }
 }
 
 /// An object as it is to be drawn into all frames of a clip.
 struct Pasted<'a> {
     run: &'a Run,
     course: Course,
-    /// Frame of the run in the clip's first frame.
+    /// Its centre in each frame; none behind the camera.
+    places: Vec<Option<Place>>,
+    /// Frame of the run in the first frame.
     phase: usize,
     mirrored: bool,
     /// Width against height, of that in the run.
@@ -94,6 +115,7 @@ impl<'a> Pasted<'a> {
         Self {
             run,
             course: Course::draw(random),
+            places: Vec::new(),
             phase: random.below(run.len()),
             mirrored: random.below(2) == 0,
             stretch: (0.6 * random.symmetric()).exp(),
@@ -103,17 +125,17 @@ impl<'a> Pasted<'a> {
         }
     }
 
-    /// The object in the clip's frame at `index`: forth and back through its run.
+    /// The object in the frame at `index`: forth and back through its run.
     fn cutout(&self, index: usize) -> &'a Cutout {
         let length = self.run.len();
         let at = (self.phase + index) % (2 * length);
         &self.run[at.min(2 * length - 1 - at)]
     }
 
-    /// Its box in the clip's frame at `index`, whether or not inside of the frame.
-    fn rect(&self, index: usize, turning: &Turning) -> Option<[f64; 4]> {
+    /// Its box in the frame at `index`, whether or not inside of the frame.
+    fn rect(&self, index: usize) -> Option<[f64; 4]> {
         let time = index as f64 * FRAME;
-        let [x, y] = turning.place(index + 1, self.course.bearing(time))?;
+        let [x, y] = self.places[index]?;
         let [_, _, width, height] = self.cutout(index).bounds;
         let (width, length) = (width * self.stretch, self.course.length(time));
         let scale = length / width.max(height);
@@ -122,16 +144,22 @@ impl<'a> Pasted<'a> {
     }
 }
 
-/// Pastes up to `count` objects of `library` (clips of runs) into the frames of a clip; adds their boxes to those of
-/// the frames. Frames that are empty stay so.
-pub fn paste(
-    frames: &mut [Frame],
-    boxes: &mut [Vec<TruthBox>],
-    turning: &Turning,
-    library: &[Vec<Run>],
-    count: usize,
-    random: &mut Random,
-) {
+/// Successive frames to paste into.
+#[derive(Debug)]
+pub struct Scenery<'a> {
+    /// Source of the objects' motion before the world.
+    pub anchor: &'a Anchor,
+    /// Index of the first frame in its clip.
+    pub first: usize,
+    /// The frames; those that are empty stay so.
+    pub frames: &'a mut [Frame],
+    /// The boxes of each frame.
+    pub boxes: &'a mut [Vec<TruthBox>],
+}
+
+/// Pastes up to `count` objects of `library` (clips of runs) into frames; adds their boxes to those of the frames.
+pub fn paste(scenery: Scenery<'_>, library: &[Vec<Run>], count: usize, random: &mut Random) {
+    let Scenery { anchor, first, frames, boxes } = scenery;
     let Some(size) = frames.iter().find(|f| !f.pixels.is_empty()).map(|f| (f.width, f.height))
     else {
         return;
@@ -140,21 +168,21 @@ pub fn paste(
         return;
     }
     for number in 0..count {
-        let fits = |pasted: &Pasted<'_>| fits(pasted, boxes, turning, size);
+        let fits = |pasted: &Pasted<'_>| fits(pasted, boxes, size);
         let mut tries = (0..TRIES).filter_map(|_| {
             let pasted = Pasted::draw(library, random);
             let index = random.below(frames.len());
             let place =
                 [size.0, size.1].map(|side| side as f64 * (0.5 + 0.47 * random.symmetric()));
-            let bearing = turning.bearing(index + 1, place)?;
-            let course = pasted.course.through(bearing, index as f64 * FRAME);
-            Some(Pasted { course, ..pasted }).filter(fits)
+            let there = (first + index, place);
+            let places = anchor.places(pasted.course, (first, frames.len()), there, size)?;
+            Some(Pasted { places, ..pasted }).filter(fits)
         });
         let Some(pasted) = tries.next() else { continue };
         drop(tries);
         for index in 0..frames.len() {
-            let Some(rect) = pasted.rect(index, turning) else { continue };
-            let at = |index: usize| pasted.rect(index, turning).unwrap_or(rect);
+            let Some(rect) = pasted.rect(index) else { continue };
+            let at = |index: usize| pasted.rect(index).unwrap_or(rect);
             let (before, after) =
                 (at(index.saturating_sub(1)), at((index + 1).min(frames.len() - 1)));
             let centre = |rect: [f64; 4], i: usize| rect[i] + rect[i + 2] / 2.0;
@@ -174,15 +202,10 @@ pub fn paste(
 }
 
 /// Whether an object is in sight half of the time, never close to another one and never too much enlarged.
-fn fits(
-    pasted: &Pasted<'_>,
-    boxes: &[Vec<TruthBox>],
-    turning: &Turning,
-    size: (usize, usize),
-) -> bool {
+fn fits(pasted: &Pasted<'_>, boxes: &[Vec<TruthBox>], size: (usize, usize)) -> bool {
     let mut inside = 0;
     for (index, others) in boxes.iter().enumerate() {
-        let Some([left, top, width, height]) = pasted.rect(index, turning) else { continue };
+        let Some([left, top, width, height]) = pasted.rect(index) else { continue };
         let (x, y) = (left + width / 2.0, top + height / 2.0);
         inside +=
             usize::from((0.0..size.0 as f64).contains(&x) && (0.0..size.1 as f64).contains(&y));
@@ -244,8 +267,20 @@ fn render(
     };
     let (gain, offset, inverted) = pasted.tone;
     let (mut changes, mut weight) = (0.0, 1.0);
-    for y in span(1, frame.height) {
-        for x in span(0, frame.width) {
+    let reach = cutout.reach();
+    // Whether a row or column of the frame sees any of the object while the shutter is open; a little more is harmless.
+    let sees = |i: usize, at: usize| {
+        let from = |v: f64| (v - rect[i]) * steps[i];
+        let (first, last) = (
+            from(at as f64 - blur[i].abs() / 2.0) - 0.01,
+            from(at as f64 + 1.0 + blur[i].abs() / 2.0) + 0.01,
+        );
+        let (first, last) =
+            if i == 0 && pasted.mirrored { (width - last, width - first) } else { (first, last) };
+        cutout.bounds[i] + last >= reach[i] && cutout.bounds[i] + first <= reach[i + 2]
+    };
+    for y in span(1, frame.height).filter(|&y| sees(1, y)) {
+        for x in span(0, frame.width).filter(|&x| sees(0, x)) {
             let [mut opacity, mut light] = [0.0; 2];
             let middles = |count: f64| (0..count as usize).map(move |i| (i as f64 + 0.5) / count);
             for time in middles(times) {
@@ -282,6 +317,7 @@ fn render(
 mod tests {
     use super::turning::tests::{SIZE, turning};
     use super::*;
+    use std::sync::Arc;
     use std::vec;
 
     /// Frames of one grey level; every third one is not needed.
@@ -320,19 +356,31 @@ mod tests {
                 visibility: 1.0,
             });
         }
-        let runs = runs(&frames, &boxes);
+        let mut found = Runs::default();
+        for (frame, boxes) in frames.iter().zip(&boxes) {
+            found.push(Some(frame).filter(|f| !f.pixels.is_empty()), boxes);
+        }
+        let runs = found.finish();
         assert_eq!(runs.iter().map(Vec::len).collect::<Vec<_>>(), [20]);
         vec![runs]
     }
 
+    fn scenery<'a>(
+        anchor: &'a Anchor,
+        frames: &'a mut [Frame],
+        boxes: &'a mut [Vec<TruthBox>],
+    ) -> Scenery<'a> {
+        Scenery { anchor, first: 0, frames, boxes }
+    }
+
     #[test]
     fn pasted_objects_are_in_their_boxes_and_nowhere_else() {
-        let (turning, library) = (turning(), library());
+        let (anchor, library) = (Anchor::Attitude(Arc::new(turning())), library());
         let mut pasted = 0;
         for seed in 0..12 {
             let mut shown = frames(120);
             let mut boxes = vec![Vec::new(); shown.len()];
-            paste(&mut shown, &mut boxes, &turning, &library, 2, &mut Random::new(seed));
+            paste(scenery(&anchor, &mut shown, &mut boxes), &library, 2, &mut Random::new(seed));
             for (frame, boxes) in shown.iter().zip(&boxes) {
                 assert_eq!(frame.pixels.is_empty(), frame.width == 0);
                 for (i, &pixel) in frame.pixels.iter().enumerate() {
@@ -362,18 +410,18 @@ mod tests {
 
     #[test]
     fn the_same_seed_pastes_the_same() {
-        let (turning, library) = (turning(), library());
+        let (anchor, library) = (Anchor::Attitude(Arc::new(turning())), library());
         let show = |seed| {
             let mut shown = frames(120);
             let mut boxes = vec![Vec::new(); shown.len()];
-            paste(&mut shown, &mut boxes, &turning, &library, 2, &mut Random::new(seed));
+            paste(scenery(&anchor, &mut shown, &mut boxes), &library, 2, &mut Random::new(seed));
             (shown.into_iter().map(|f| f.pixels).collect::<Vec<_>>(), boxes)
         };
         assert_eq!(show(1), show(1));
         assert_ne!(show(1).1, show(2).1);
         let mut empty = frames(120);
         let mut boxes = vec![Vec::new(); empty.len()];
-        paste(&mut empty, &mut boxes, &turning, &[], 2, &mut Random::new(1));
+        paste(scenery(&anchor, &mut empty, &mut boxes), &[], 2, &mut Random::new(1));
         assert!(boxes.iter().all(Vec::is_empty));
     }
 }

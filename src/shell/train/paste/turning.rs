@@ -17,6 +17,14 @@ pub struct Turning {
 }
 
 impl Turning {
+    /// Whether a clip's folder has what [`Turning::of`] reads.
+    ///
+    /// # Errors
+    /// [`Error`] when a file is there and not understood.
+    pub fn is_known(directory: &Path) -> Result<bool, Error> {
+        Ok(directory.join("truth.csv").is_file() && CameraFile::beside(directory)?.is_some())
+    }
+
     /// From `truth.csv` and `camera.json` in a clip's folder, for frames of `size`; none where they are not.
     ///
     /// # Errors
