@@ -8,6 +8,7 @@ pub mod evaluate;
 pub mod formats;
 pub mod link;
 pub mod live;
+pub mod params;
 pub mod pictures;
 pub mod pipeline;
 pub mod preview;
