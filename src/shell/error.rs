@@ -2,7 +2,7 @@
 
 use super::formats::clips::ClipsError;
 use super::formats::error::FormatError;
-use super::formats::flight_log::FlightLogError;
+use super::formats::flight_sample::FlightLogError;
 use super::pictures::PictureError;
 use super::pipeline::PipelineError;
 use super::simulate::SimulateError;

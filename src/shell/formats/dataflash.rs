@@ -3,7 +3,7 @@
 //! A record is 0xA3 0x95, a type, and the fields that an FMT record (type 128) declares for that type, little-endian.
 //! Source: ArduPilot `libraries/AP_Logger/LogStructure.h`.
 
-use super::flight_log::{FlightLogError, Sample};
+use super::flight_sample::{FlightLogError, Sample};
 use std::collections::HashMap;
 use std::path::Path;
 use std::string::String;

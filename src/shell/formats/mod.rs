@@ -8,6 +8,7 @@ mod dataflash;
 pub mod detections;
 pub mod error;
 pub mod flight_log;
+pub mod flight_sample;
 mod timeline;
 pub mod tlog;
 pub mod traffic;

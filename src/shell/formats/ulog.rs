@@ -3,7 +3,7 @@
 //! A header of 16 bytes, then messages: size (u16), type (u8), content, little-endian. `F` declares a format, `A` gives it
 //! a number, `D` is data of that number. Source: <https://docs.px4.io/main/en/dev_log/ulog_file_format.html>.
 
-use super::flight_log::{FlightLogError, Sample};
+use super::flight_sample::{FlightLogError, Sample};
 use std::collections::HashMap;
 use std::path::Path;
 use std::string::String;
