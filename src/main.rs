@@ -4,7 +4,7 @@ use clap::Parser;
 use lookout::shell::cli::{Cli, Verb};
 use lookout::shell::error::Error;
 use lookout::shell::support::interrupt::{self, Ended};
-use lookout::shell::{bench, doctor, evaluate, live, replay, train};
+use lookout::shell::{bench, doctor, evaluate, live, params, replay, train};
 use std::io::IsTerminal;
 use std::process::ExitCode;
 use tracing_subscriber::filter::{LevelFilter, Targets};
@@ -55,6 +55,7 @@ fn dispatch(verb: &Verb) -> Result<Ended, Error> {
         Verb::Score(args) => evaluate::run_score(args),
         Verb::Bench(args) => bench::run(args),
         Verb::Doctor(args) => doctor::run(args),
+        Verb::Params(args) => params::run(args),
         Verb::Train(args) => train::run(args),
     }
 }

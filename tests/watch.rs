@@ -327,6 +327,52 @@ fn more_objects_than_there_is_room_for() {
     assert!(first.iter().all(|t| t.score > 24 << 16));
 }
 
+/// The longest run of frames without a detection in which the level was caution or warning.
+fn longest_alert_without_detection(traffic: &[Vec<Traffic>]) -> usize {
+    let (mut run, mut longest) = (0, 0);
+    for frame in traffic {
+        let held = frame.iter().any(|t| t.coasting && t.level >= Level::Caution);
+        run = if held { run + 1 } else { 0 };
+        longest = longest.max(run);
+    }
+    longest
+}
+
+/// A drone on a collision course that is warned of, and then no longer found.
+#[test]
+fn an_alert_ends_with_its_evidence() {
+    let head_on = Encounter { start: [70.0, 0.0, 0.0], velocity: [-15.0, 0.0, 0.0], span: 1.0 };
+    let warned = |traffic: &[Vec<Traffic>]| {
+        traffic.iter().position(|frame| frame.iter().any(|t| t.level == Level::Warning)).unwrap()
+    };
+    let full = head_on.fly(120, true, |_, d| vec![d]);
+    let lost = warned(&full) as u64 + 5;
+    let traffic = head_on.fly(120, true, |frame, d| if frame < lost { vec![d] } else { vec![] });
+    // 0.4 s at 30 frames a second.
+    assert_eq!(longest_alert_without_detection(&traffic), 12);
+    // A weak box comes back every half second: the track lives on, the warning does not.
+    // Contact is after 140 frames.
+    let flicker = head_on.fly((lost + 90).min(130), true, |frame, d| {
+        if frame < lost || (frame - lost) % 15 == 14 { vec![d] } else { vec![] }
+    });
+    let after = &flicker[lost as usize + 15..];
+    assert!(after.iter().flatten().any(|t| t.confirmed), "the track lives on");
+    assert!(after.iter().flatten().all(|t| t.level <= Level::Traffic), "no evidence, no alert");
+}
+
+#[test]
+fn boxes_are_clipped_to_the_frame() {
+    let crossing = Encounter { start: [20.0, 8.0, 0.0], velocity: [0.0, 4.0, 0.0], span: 2.0 };
+    let traffic = crossing.fly(45, true, |frame, d| if frame < 30 { vec![d] } else { vec![] });
+    let mut cut = 0;
+    for t in traffic.iter().flatten() {
+        let right = t.rect.x + t.rect.width;
+        assert!(t.rect.x >= 0 && right <= 640 && t.rect.width >= 0, "{t:?}");
+        cut += usize::from(right == 640);
+    }
+    assert!(cut > 5, "{cut} boxes reach the edge");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
@@ -349,7 +395,7 @@ proptest! {
             chosen.threat.wingspan_sigma = real(i);
             chosen.threat.warning_distance = real(j);
             chosen.threat.persistence_us = k;
-            chosen.threat.known = real(l);
+            chosen.threat.min_snr_time_to_contact = real(l);
         }
         // From the widest to the narrowest view there is.
         let focal = Real::from_num(width.max(height)) * (1 << focal) / 16;

@@ -121,8 +121,8 @@ pub fn energies<const N: usize, const ORIENTED: bool>(
             let of = |is: bool, value: u16| if is { value } else { 0 };
             // Behind the last bin is the first one again.
             bins[0] += of(bin == 0, first) + of(bin == 6, first) + of(bin == 5, second);
-            for k in 1..ORIENTATIONS {
-                bins[k] += of(bin == k as u16, first) + of(bin + 1 == k as u16, second);
+            for (k, sum) in (1..).zip(&mut bins[1..]) {
+                *sum += of(bin == k, first) + of(bin + 1 == k, second);
             }
         }
         let [b0, b1, b2, b3, b4, b5] = bins;

@@ -77,6 +77,7 @@ impl Onboard {
         time_us: i64,
         now_us: i64,
     ) -> heapless::Vec<Traffic, MAX_TRAFFIC> {
+        self.watch.support(self.component.explained());
         let traffic = self.watch.update(&found.list, time_us, &found.motion, &self.attitudes);
         self.health.frames = self.health.frames.wrapping_add(1);
         let latency = now_us.saturating_sub(time_us).max(0);
@@ -127,7 +128,7 @@ impl Onboard {
                 Event::Parameter(_) => {
                     self.watch.set(settings(self.tracks, self.component.parameters()));
                 }
-                Event::Found { .. } => {}
+                Event::Found { .. } | Event::Returned { .. } => {}
             }
             if self.events.is_full() {
                 self.events.pop_front();
@@ -155,7 +156,8 @@ fn settings(tracks: tracker::Settings, parameters: &Parameters) -> Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mavlink::dialect::{HEARTBEAT_DATA, MavAutopilot};
+    use crate::mavlink::dialect::{HEARTBEAT_DATA, MavAutopilot, MavType};
+    use crate::mavlink::messages::status::HeartbeatType;
     use crate::mavlink::messages::{self, Payload};
 
     #[test]
@@ -183,7 +185,8 @@ mod tests {
         let mut onboard = Onboard::new(camera, tracks, Config::default(), parameters, 0);
         let heartbeat = HEARTBEAT_DATA {
             autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
-            ..messages::status::heartbeat(onboard.component().state())
+            mavtype: MavType::MAV_TYPE_QUADROTOR,
+            ..messages::status::heartbeat(onboard.component().state(), HeartbeatType::default())
         };
         let frame = MAVLinkMessageRaw::V2(Payload::new(&heartbeat).frame(7, 1, 0, false));
         for now_us in [0, 1_000_000] {

@@ -1,6 +1,6 @@
 //! The command line: verbs and what they take.
 
-use super::{bench, doctor, evaluate, live, replay, train};
+use super::{bench, doctor, evaluate, live, params, replay, train};
 use clap::{Parser, Subcommand};
 use std::format;
 
@@ -31,6 +31,8 @@ pub enum Verb {
     Bench(bench::BenchArgs),
     /// Tell what is missing between the lookout and the autopilot
     Doctor(doctor::DoctorArgs),
+    /// Read or set the parameters (LK_..) of a running lookout over a link
+    Params(params::ParamsArgs),
     /// Learn a model from a folder of clips with ground truth
     Train(train::TrainArgs),
 }

@@ -2,7 +2,7 @@
 
 use super::formats::clips::ClipsError;
 use super::formats::error::FormatError;
-use super::formats::tlog::TlogError;
+use super::formats::flight_sample::FlightLogError;
 use super::pictures::PictureError;
 use super::pipeline::PipelineError;
 use super::simulate::SimulateError;
@@ -27,7 +27,7 @@ pub enum Error {
     Clips(#[from] ClipsError),
     /// A telemetry log cannot be read.
     #[error(transparent)]
-    Tlog(#[from] TlogError),
+    Tlog(#[from] FlightLogError),
     /// Frames cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),

@@ -10,6 +10,7 @@ pub mod formats;
 pub mod fuzzing;
 pub mod link;
 pub mod live;
+pub mod params;
 pub mod pictures;
 pub mod pipeline;
 pub mod preview;

@@ -11,7 +11,7 @@ use fixed::types::I28F4;
 
 /// A frame's camera: where it looks, and where it looked before.
 #[derive(Debug, Clone)]
-pub struct View<'a> {
+pub struct CameraPose<'a> {
     /// The camera.
     pub camera: &'a Camera,
     /// From the body to the frame of reference.
@@ -24,7 +24,7 @@ pub struct View<'a> {
 
 /// A detection in the frame of reference. Variances in thousandths squared.
 #[derive(Debug, Clone, Copy)]
-pub struct Sight {
+pub struct Measurement {
     pub rect: Rect,
     pub direction: Vector,
     pub variance: Real,
@@ -37,9 +37,9 @@ pub struct Sight {
     pub cut: bool,
 }
 
-impl Sight {
-    pub fn new(detection: &Detection, view: &View<'_>, settings: &Settings) -> Self {
-        let camera = view.camera;
+impl Measurement {
+    pub fn new(detection: &Detection, pose: &CameraPose<'_>, settings: &Settings) -> Self {
+        let camera = pose.camera;
         let limit = I28F4::from_num(1 << 20);
         let Rect { x, y, width, height } = detection.rect;
         let [x, y] = [x, y].map(|v| v.clamp(-limit, limit));
@@ -57,14 +57,14 @@ impl Sight {
         let extent = exp(size);
         let milli = |v: Real| (v * MILLI).min(MILLI * 4);
         let place = milli(extent * settings.place_error + pixel);
-        let error = milli(view.error);
-        let direction = unit(view.attitude.rotate(camera.body(mx, my)));
+        let error = milli(pose.error);
+        let direction = unit(pose.attitude.rotate(camera.body(mx, my)));
         let size_error = milli(settings.size_error + divide(pixel, extent) / 4);
         let spec = camera.intrinsics();
         let edge = |v: I28F4, side: u32| v + I28F4::ONE >= I28F4::saturating_from_num(side);
         // The longest way back that is known: its error is that of two places, alike as they are.
         let rate =
-            view.before.iter().zip(&detection.shifts).next_back().and_then(|(then, shift)| {
+            pose.before.iter().zip(&detection.shifts).next_back().and_then(|(then, shift)| {
                 let place = |v: I28F4, shift: I28F4| v.saturating_add(shift).clamp(-limit, limit);
                 let body = camera.body(place(mx, shift.x), place(my, shift.y));
                 let old = unit(then.1.rotate(body));

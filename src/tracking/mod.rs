@@ -19,8 +19,8 @@ use crate::math::linear;
 use crate::math::real::{ONE, Real, Vector, ZERO, add, cross, norm, ratio};
 use crate::registration::global_motion::Motion;
 use fixed::types::I28F4;
-use threat::Judge;
-use tracker::{Tracker, View};
+use threat::AlertMonitor;
+use tracker::{CameraPose, Tracker};
 use traffic::{MAX_TRAFFIC, Traffic};
 
 /// A longer time between two frames starts anew, in microseconds.
@@ -29,12 +29,12 @@ const GAP: i64 = 1_000_000;
 /// Points along each side of the picture at which the background's motion is read.
 const POINTS: i32 = 5;
 
-/// How objects are followed and judged.
+/// How objects are followed, and when they raise an alert.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Settings {
     /// Making and keeping tracks.
     pub track: tracker::Settings,
-    /// Judging them.
+    /// Alerts.
     pub threat: threat::Settings,
 }
 
@@ -45,12 +45,12 @@ enum Source {
     Image,
 }
 
-/// Follows the objects that the detector finds in the frames of one camera, and judges them.
+/// Follows the objects that the detector finds in the frames of one camera, and raises alerts about them.
 #[derive(Debug, Clone)]
 pub struct Watch {
     camera: Camera,
     tracker: Tracker,
-    judge: Judge,
+    alerts: AlertMonitor,
     /// Times and attitudes of the last frames, the newest first; from the body to the frame of reference.
     frames: heapless::Vec<(i64, Attitude), { SHIFTS + 1 }>,
     source: Source,
@@ -62,7 +62,7 @@ impl Watch {
         Self {
             camera,
             tracker: Tracker::new(settings.track),
-            judge: Judge::new(settings.threat),
+            alerts: AlertMonitor::new(settings.threat),
             frames: heapless::Vec::new(),
             source: Source::Image,
         }
@@ -71,7 +71,7 @@ impl Watch {
     /// Other settings from the next frame on; tracks live on.
     pub fn set(&mut self, settings: Settings) {
         self.tracker.set(settings.track);
-        self.judge.set(settings.threat);
+        self.alerts.set(settings.threat);
     }
 
     /// The camera.
@@ -82,6 +82,12 @@ impl Watch {
     /// Detections that would have started a track if there had been room, in all.
     pub fn dropped(&self) -> u32 {
         self.tracker.dropped()
+    }
+
+    /// Tracks of these numbers are supported by evidence from elsewhere, until the next call
+    /// ([`tracker::Tracker::support`]).
+    pub fn support(&mut self, tracks: impl Iterator<Item = u16>) {
+        self.tracker.support(tracks);
     }
 
     /// Forgets everything seen.
@@ -112,8 +118,8 @@ impl Watch {
         let (attitude, error) = self.attitude(vehicle, background, dt);
         let before = self.frames.iter().take(SHIFTS);
         let before = before.map(|(time, attitude)| (seconds(time_us - time), *attitude)).collect();
-        let view = View { camera: &self.camera, attitude, error, before };
-        self.tracker.update(detections, time_us, dt, &view);
+        let pose = CameraPose { camera: &self.camera, attitude, error, before };
+        self.tracker.update(detections, time_us, dt, &pose);
         if self.frames.is_full() {
             self.frames.pop();
         }
@@ -125,7 +131,7 @@ impl Watch {
             in_world: vehicle.is_some(),
             time_us,
         };
-        self.judge.judge(self.tracker.tracks(), &observer)
+        self.alerts.update(self.tracker.tracks(), &observer)
     }
 
     /// The attitude of this frame in the frame of reference and its error from frame to frame in radians; turns the tracks

@@ -3,7 +3,7 @@
 use crate::math::real::{ONE, Real, ZERO, ratio};
 use crate::model::calibration::{self, Calibration};
 
-/// How far above the score that starts a track its surety must be to confirm it: a quarter in Q16 log-odds. On
+/// How far above the score that starts a track its mean log-odds must be to confirm it: a quarter in Q16 log-odds. On
 /// `airborne/train` 0, 1/4 and 1/2 give 3.0, 1.9 and 1.6 false tracks a minute, and 0.787, 0.772 and 0.745 of the targets'
 /// frames on one track.
 const CONFIRM_ABOVE: i32 = 1 << 14;
@@ -26,7 +26,7 @@ pub struct Settings {
     pub coast_us: i64,
     /// Least score of a detection that starts a track, Q16 log-odds.
     pub start_score: i32,
-    /// Least [`Track::surety`] from which on a track is confirmed, Q16 log-odds.
+    /// Least [`Track::mean_log_odds`] from which on a track is confirmed, Q16 log-odds.
     pub confirm_score: i32,
     /// Least score of a detection that continues a track, Q16 log-odds.
     pub keep_score: i32,

@@ -11,13 +11,21 @@
 
 use crate::camera::Camera;
 use crate::camera::attitude::{Attitude, Direction};
+use crate::image::Rect;
 use crate::math::real::{ONE, Real, ZERO, add, divide, norm, ratio, sqrt};
 use crate::tracking::tracker::Track;
 use crate::tracking::traffic::{Estimate, Level, MAX_TRAFFIC, Traffic};
-use fixed::types::I16F16;
+use fixed::types::{I16F16, I28F4};
 
 /// Longest time to contact that is told, in seconds.
 const LONGEST: Real = Real::lit("60");
+
+/// Detections among the last [`EVIDENCE_FRAMES`] frames below which no alert is raised or held: a box that comes back
+/// now and then is weaker evidence than the one that raised it.
+const EVIDENCE_HITS: u32 = 4;
+
+/// Frames of [`EVIDENCE_HITS`]; as many as a track is confirmed by.
+const EVIDENCE_FRAMES: u8 = 15;
 
 /// How threats are judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,17 +47,20 @@ pub struct Settings {
     pub warning_distance: Real,
     /// The same for caution, in metres. Default 8.
     pub caution_distance: Real,
-    /// How many times its error the growth must be for a time to contact to be known, 1 to 10. Default 1.5.
-    pub known: Real,
+    /// Least growth over its standard deviation at which a time to contact is reported, 1 to 10. Default 1.5.
+    pub min_snr_time_to_contact: Real,
     /// The same for a warning. Default 2: at 1.75 one of 50 flights without a collision is warned of, at 2.25
     /// two of 12 warnings come too late (`airborne/train`, with a persistence of 0.5 s).
-    pub sure: Real,
+    pub min_snr_warning: Real,
     /// How long a level's conditions must hold before it is raised, in microseconds, 0 to 10 s. Default 0.7 s: at
     /// 0.6 s one of 50 flights without a collision is warned of, at 1 s four of 13 warnings come too late (`airborne/train`).
     pub persistence_us: i64,
     /// How long they must not hold before it is lowered, in microseconds, 0 to 60 s. Default 2 s, as ArduPilot's
     /// avoidance (AP_Avoidance, `AVD_*`).
     pub hold_us: i64,
+    /// How long caution and warning outlive the last detection of the object, in microseconds, 0 to 10 s; never longer
+    /// than its time to contact was. Default 0.4 s: a course that is only predicted is no evidence.
+    pub evidence_us: i64,
 }
 
 impl Default for Settings {
@@ -63,10 +74,11 @@ impl Default for Settings {
                 caution_time: Real::lit("16"),
                 warning_distance: Real::lit("1"),
                 caution_distance: Real::lit("8"),
-                known: Real::lit("1.5"),
-                sure: Real::lit("2"),
+                min_snr_time_to_contact: Real::lit("1.5"),
+                min_snr_warning: Real::lit("2"),
                 persistence_us: 700_000,
                 hold_us: 2_000_000,
+                evidence_us: 400_000,
             }
         }
     }
@@ -84,10 +96,11 @@ impl Settings {
             caution_time: within(self.caution_time, warning_time, 60),
             warning_distance: within(self.warning_distance, ZERO, 1000),
             caution_distance: within(self.caution_distance, ZERO, 1000),
-            known: within(self.known, ONE, 10),
-            sure: within(self.sure, ONE, 10),
+            min_snr_time_to_contact: within(self.min_snr_time_to_contact, ONE, 10),
+            min_snr_warning: within(self.min_snr_warning, ONE, 10),
             persistence_us: self.persistence_us.clamp(0, 10_000_000),
             hold_us: self.hold_us.clamp(0, 60_000_000),
+            evidence_us: self.evidence_us.clamp(0, 10_000_000),
         }
     }
 }
@@ -105,7 +118,7 @@ pub struct Observer<'a> {
     pub time_us: i64,
 }
 
-/// The level of a track over time.
+/// The alert level of a track over time.
 #[derive(Debug, Clone, Copy)]
 struct Alert {
     id: u16,
@@ -114,13 +127,21 @@ struct Alert {
     since: [Option<i64>; 2],
     /// When they held last.
     last: [i64; 2],
+    /// Until when the last detection of the object counts as evidence.
+    evidence_until_us: i64,
 }
 
 const RAISED: [Level; 2] = [Level::Caution, Level::Warning];
 
 impl Alert {
-    /// `holds`: the conditions of caution and warning in this frame; `None` when it says nothing of the object.
+    /// `holds`: the conditions of caution and warning in this frame; `None` for a frame without a detection of the object.
     fn update(&mut self, holds: Option<[bool; 2]>, time_us: i64, settings: &Settings) {
+        if time_us > self.evidence_until_us {
+            // The conditions have to hold anew.
+            self.level = Level::Traffic;
+            self.since = [None; 2];
+            return;
+        }
         let mut level = Level::Traffic;
         for i in 0..2 {
             match holds.map(|holds| holds[i]) {
@@ -142,15 +163,15 @@ impl Alert {
     }
 }
 
-/// Judges tracks, frame after frame.
+/// Raises and lowers the alert level of each track, frame after frame.
 #[derive(Debug, Clone)]
-pub struct Judge {
+pub struct AlertMonitor {
     settings: Settings,
     alerts: heapless::Vec<Alert, MAX_TRAFFIC>,
 }
 
-impl Judge {
-    /// Has judged nothing yet; settings are brought within their ranges.
+impl AlertMonitor {
+    /// Monitors nothing yet; settings are brought within their ranges.
     pub fn new(settings: Settings) -> Self {
         Self { settings: settings.limited(), alerts: heapless::Vec::new() }
     }
@@ -160,8 +181,8 @@ impl Judge {
         self.settings = settings.limited();
     }
 
-    /// What is to be told of the tracks of a frame: confirmed ones first, the most urgent before others.
-    pub fn judge(
+    /// The traffic of a frame: confirmed tracks first, the most urgent before others. Boxes are clipped to the frame.
+    pub fn update(
         &mut self,
         tracks: &[Track],
         observer: &Observer<'_>,
@@ -181,7 +202,9 @@ impl Judge {
         let course = Course::new(track, &self.settings);
         let level = if track.confirmed {
             let holds = (!track.coasting).then(|| course.holds(&self.settings));
-            self.alert(track.id, holds, observer.time_us)
+            let contact = course.time_to_contact.map(|time| time.value);
+            let holds = holds.filter(|_| track.hits(EVIDENCE_FRAMES) >= EVIDENCE_HITS);
+            self.alert(track.id, holds, contact, observer.time_us)
         } else {
             Level::None
         };
@@ -193,7 +216,7 @@ impl Judge {
         Traffic {
             id: track.id,
             time_us: observer.time_us,
-            rect: track.rect,
+            rect: clipped(&track.rect, camera),
             score: track.score,
             confirmed: track.confirmed,
             coasting: track.coasting,
@@ -209,15 +232,32 @@ impl Judge {
         }
     }
 
-    fn alert(&mut self, id: u16, holds: Option<[bool; 2]>, time_us: i64) -> Level {
+    fn alert(
+        &mut self,
+        id: u16,
+        holds: Option<[bool; 2]>,
+        time_to_contact: Option<Real>,
+        time_us: i64,
+    ) -> Level {
         let place = self.alerts.iter().position(|alert| alert.id == id);
         let place = place.or_else(|| {
-            let new = Alert { id, level: Level::Traffic, since: [None; 2], last: [i64::MIN; 2] };
+            let new = Alert {
+                id,
+                level: Level::Traffic,
+                since: [None; 2],
+                last: [i64::MIN; 2],
+                evidence_until_us: i64::MIN,
+            };
             // As many as there are tracks.
             self.alerts.push(new).ok()?;
             Some(self.alerts.len() - 1)
         });
         let Some(alert) = place.and_then(|i| self.alerts.get_mut(i)) else { return Level::Traffic };
+        if holds.is_some() {
+            let contact_us = time_to_contact.map(|time| (time * 1_000_000).to_num::<i64>());
+            let lasts_us = contact_us.unwrap_or(i64::MAX).clamp(0, self.settings.evidence_us);
+            alert.evidence_until_us = time_us.saturating_add(lasts_us);
+        }
         alert.update(holds, time_us, &self.settings);
         alert.level
     }
@@ -234,6 +274,20 @@ impl Measured {
     fn short(self) -> Estimate {
         Estimate { value: short(self.value), sigma: short(self.sigma) }
     }
+}
+
+/// The part of a box that is in the frame; without extent, at its edge, where there is none.
+fn clipped(rect: &Rect, camera: &Camera) -> Rect {
+    let spec = camera.intrinsics();
+    let within = |start: I28F4, extent: I28F4, side: u32| {
+        let side = I28F4::saturating_from_num(side);
+        let end = start.saturating_add(extent).clamp(I28F4::ZERO, side);
+        let start = start.clamp(I28F4::ZERO, side);
+        (start, (end - start).max(I28F4::ZERO))
+    };
+    let (x, width) = within(rect.x, rect.width, spec.width);
+    let (y, height) = within(rect.y, rect.height, spec.height);
+    Rect { x, y, width, height }
 }
 
 /// As an [`I16F16`], saturated.
@@ -269,7 +323,7 @@ impl Course {
         );
         let range = Measured { value: range, sigma: range * spread };
         let g = growth.value;
-        let known = g > ONE / LONGEST && g >= growth.sigma * settings.known;
+        let known = g > ONE / LONGEST && g >= growth.sigma * settings.min_snr_time_to_contact;
         let time_to_contact = known.then(|| {
             let time = divide(ONE, g);
             Measured { value: time, sigma: (time * growth.sigma).saturating_mul(time) }
@@ -301,7 +355,7 @@ impl Course {
     /// Whether the conditions of caution and of warning hold.
     fn holds(&self, settings: &Settings) -> [bool; 2] {
         let Some(time) = self.time_to_contact else { return [false; 2] };
-        let sure = self.growth.value >= self.growth.sigma * settings.sure;
+        let sure = self.growth.value >= self.growth.sigma * settings.min_snr_warning;
         [
             time.value <= settings.caution_time && self.nearest <= settings.caution_distance,
             sure && time.value <= settings.warning_time

@@ -12,13 +12,13 @@ use crate::detector::detection::Detection;
 use crate::image::Rect;
 use crate::math::kalman::{MILLI, Spread};
 use crate::math::real::{ONE, Real, Vector, ZERO, across, add, divide, exp, sqrt, unit};
-use crate::tracking::measurement::Sight;
-pub use crate::tracking::measurement::View;
+pub use crate::tracking::measurement::CameraPose;
+use crate::tracking::measurement::Measurement;
 pub use crate::tracking::settings::Settings;
 use crate::tracking::traffic::MAX_TRAFFIC;
 
 /// Most detections of a frame that are looked at.
-const MAX_SIGHTS: usize = 64;
+const MAX_MEASUREMENTS: usize = 64;
 
 /// Largest distance of a detection from its track, in standard deviations squared: four of two values, three of the size.
 const GATE: [Real; 2] = [Real::lit("16"), Real::lit("9")];
@@ -35,6 +35,17 @@ const FIRST_GROWTH: Real = Real::lit("300");
 /// Rate of a new track without shifts, in thousandths.
 const FIRST_RATE: Real = Real::lit("300");
 
+/// Intersection over union, Q8, from which on two tracks are of one object: 0.3.
+const SAME_OBJECT_IOU: u8 = 77;
+
+/// The same for a detection that starts no track because one is there: 0.1. Lower, since a detection that the gate kept
+/// from its track is of that track's object more often than of another one.
+const KNOWN_OBJECT_IOU: u8 = 26;
+
+/// What evidence from elsewhere, as an aircraft that reports its own position in this direction, adds to a track's mean
+/// log-odds: 2 in Q16, a likelihood ratio of 7. Not measured: no recording here has both.
+const SUPPORT: i32 = 2 << 16;
+
 /// An object that is followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Track {
@@ -42,15 +53,17 @@ pub struct Track {
     pub id: u16,
     /// Enough detections agreed.
     pub confirmed: bool,
+    /// Evidence from elsewhere supports it.
+    pub supported: bool,
     /// When the last detection was.
     pub seen_us: i64,
     /// Whether the newest frame had none.
     pub coasting: bool,
     /// Score of the last detection.
     pub score: i32,
-    /// What the scores say together, Q16 log-odds: from [`Settings::keep_score`] on it goes an eighth of the way to each
-    /// detection's score, and back where there was none.
-    pub surety: i32,
+    /// Exponential moving average of the scores, weight 1/8, Q16 log-odds; it starts at [`Settings::keep_score`], which also
+    /// stands for frames without a detection.
+    pub mean_log_odds: i32,
     /// Box in the newest frame, foretold while coasting.
     pub rect: Rect,
     /// Unit vector in the frame of reference.
@@ -96,26 +109,33 @@ impl Track {
         exp(self.size + self.aspect)
     }
 
-    fn start(id: u16, sight: &Sight, score: i32, time_us: i64, settings: &Settings) -> Self {
-        let (rate, rate_sigma) = match sight.rate {
+    fn start(
+        id: u16,
+        measurement: &Measurement,
+        score: i32,
+        time_us: i64,
+        settings: &Settings,
+    ) -> Self {
+        let (rate, rate_sigma) = match measurement.rate {
             Some((rate, variance)) => (rate, sqrt(variance)),
             None => ([ZERO; 3], FIRST_RATE),
         };
         Self {
             id,
             confirmed: false,
+            supported: false,
             seen_us: time_us,
             coasting: false,
             score,
-            surety: towards(settings.keep_score, score),
-            rect: sight.rect,
-            direction: sight.direction,
+            mean_log_odds: towards(settings.keep_score, score),
+            rect: measurement.rect,
+            direction: measurement.direction,
             rate,
-            size: sight.size,
+            size: measurement.size,
             growth: ZERO,
-            aspect: sight.aspect,
-            bearing: Spread::new(sqrt(sight.variance), rate_sigma),
-            growing: Spread::new(sqrt(sight.size_variance) * 2, FIRST_GROWTH),
+            aspect: measurement.aspect,
+            bearing: Spread::new(sqrt(measurement.variance), rate_sigma),
+            growing: Spread::new(sqrt(measurement.size_variance) * 2, FIRST_GROWTH),
             history: 1,
             frames: 1,
         }
@@ -134,59 +154,61 @@ impl Track {
         self.frames = self.frames.saturating_add(1);
     }
 
-    /// Distance of a sight in standard deviations squared; `None` outside the gate.
-    fn distance(&self, sight: &Sight) -> Option<Real> {
-        let off = add(sight.direction, self.direction, -ONE).map(|v| v * MILLI);
-        let place = off.map(|v| divide(v, sqrt(self.bearing.value + sight.variance)));
+    /// Distance of a measurement in standard deviations squared; `None` outside the gate.
+    fn distance(&self, measurement: &Measurement) -> Option<Real> {
+        let off = add(measurement.direction, self.direction, -ONE).map(|v| v * MILLI);
+        let place = off.map(|v| divide(v, sqrt(self.bearing.value + measurement.variance)));
         let square = |v: Real| v.saturating_mul(v);
         let place = place.into_iter().map(square).fold(ZERO, Real::saturating_add);
-        let size = (sight.size - self.size) * MILLI;
-        let size = square(divide(size, sqrt(self.growing.value + sight.size_variance)));
+        let size = (measurement.size - self.size) * MILLI;
+        let size = square(divide(size, sqrt(self.growing.value + measurement.size_variance)));
         (place <= GATE[0] && size <= GATE[1]).then(|| place + size)
     }
 
-    fn update(&mut self, sight: &Sight, score: i32, time_us: i64, settings: &Settings) {
-        let off = across(add(sight.direction, self.direction, -ONE), self.direction);
-        let [place, speed] = self.bearing.update(sight.variance);
+    fn update(&mut self, measurement: &Measurement, score: i32, time_us: i64, settings: &Settings) {
+        let off = across(add(measurement.direction, self.direction, -ONE), self.direction);
+        let [place, speed] = self.bearing.update(measurement.variance);
         self.direction = unit(add(self.direction, off, place));
         self.rate = limited(add(self.rate, off, speed), self.direction);
-        if let Some((rate, variance)) = sight.rate {
+        if let Some((rate, variance)) = measurement.rate {
             let off = across(add(rate, self.rate, -ONE), self.direction);
             let [place, speed] = self.bearing.update_rate(variance);
             self.direction = unit(add(self.direction, off, place));
             self.rate = limited(add(self.rate, off, speed), self.direction);
         }
-        if !sight.cut {
-            let off = sight.size - self.size;
+        if !measurement.cut {
+            let off = measurement.size - self.size;
             // White noise of the same density as errors that are alike for a while: so many frames count for one.
             let since =
                 Real::from_num(time_us.saturating_sub(self.seen_us).clamp(1_000, 1_000_000));
             let alike = ONE + settings.size_memory * 2_000_000 / since;
-            let [size, growth] = self.growing.update(sight.size_variance.saturating_mul(alike));
+            let [size, growth] =
+                self.growing.update(measurement.size_variance.saturating_mul(alike));
             self.size += off * size;
             self.growth = (self.growth + off * growth).clamp(-MAX_GROWTH, MAX_GROWTH);
-            self.aspect += (sight.aspect - self.aspect) / 8;
+            self.aspect += (measurement.aspect - self.aspect) / 8;
         }
         self.score = score;
-        self.rect = sight.rect;
+        self.rect = measurement.rect;
         self.seen_us = time_us;
         self.coasting = false;
         self.history |= 1;
     }
 
-    /// Whether this object is known, and a box seems to be a part of it, or to have it for a part: half of the smaller one is
-    /// within the other.
-    fn is_one_with(&self, rect: &Rect) -> bool {
+    /// Whether the track is confirmed and its box and `rect` share at least half of the smaller one: a part of the same
+    /// object, or one box around both.
+    fn covers_half_of(&self, rect: &Rect) -> bool {
         let smaller = self.rect.area().min(rect.area());
         self.confirmed && self.rect.intersection(rect) * 2 > smaller
     }
 
-    /// Confirms it where the last frames gave reason to.
-    fn weigh(&mut self, settings: &Settings) {
+    /// Updates the mean log-odds, and confirms the track where it and the hits of the last frames suffice.
+    fn confirm(&mut self, settings: &Settings) {
         let seen = if self.coasting { settings.keep_score } else { self.score };
-        self.surety = towards(self.surety, seen);
+        self.mean_log_odds = towards(self.mean_log_odds, seen);
+        let support = if self.supported { SUPPORT } else { 0 };
         self.confirmed |= self.hits(settings.confirm_window) >= u32::from(settings.confirm_hits)
-            && self.surety >= settings.confirm_score;
+            && self.mean_log_odds.saturating_add(support) >= settings.confirm_score;
     }
 
     /// Turns everything by `turn`: the frame of reference was another.
@@ -196,15 +218,16 @@ impl Track {
     }
 
     /// Moves the box to where the track is foretold.
-    fn coast(&mut self, view: &View<'_>) {
+    fn coast(&mut self, pose: &CameraPose<'_>) {
         self.coasting = true;
-        let body = view.attitude.inverse().rotate(self.direction);
-        let Some((x, y)) = view.camera.project(body) else { return };
+        let body = pose.attitude.inverse().rotate(self.direction);
+        let Some((x, y)) = pose.camera.project(body) else { return };
         self.rect.x = x - self.rect.width / 2;
         self.rect.y = y - self.rect.height / 2;
     }
 
-    fn hits(&self, window: u8) -> u32 {
+    /// Frames with a detection among the last `window` (1 to 32).
+    pub fn hits(&self, window: u8) -> u32 {
         let mask = if window >= 32 { u32::MAX } else { (1 << window) - 1 };
         (self.history & mask).count_ones()
     }
@@ -255,9 +278,19 @@ impl Tracker {
         &self.tracks
     }
 
-    /// Detections that would have started a track if there had been room, in all.
+    /// Detections that found no room for a track, in all.
     pub fn dropped(&self) -> u32 {
         self.dropped
+    }
+
+    /// Tracks of these numbers are supported by evidence from elsewhere until the next call: it counts when they are
+    /// confirmed.
+    pub fn support(&mut self, supported: impl Iterator<Item = u16>) {
+        self.tracks.iter_mut().for_each(|track| track.supported = false);
+        for id in supported {
+            let track = self.tracks.iter_mut().find(|track| track.id == id);
+            track.into_iter().for_each(|track| track.supported = true);
+        }
     }
 
     /// Forgets all tracks.
@@ -271,50 +304,57 @@ impl Tracker {
     }
 
     /// The detections of a frame at `time_us`, `dt` seconds (0 to 1) after the last one.
-    pub fn update(&mut self, detections: &[Detection], time_us: i64, dt: Real, view: &View<'_>) {
+    pub fn update(
+        &mut self,
+        detections: &[Detection],
+        time_us: i64,
+        dt: Real,
+        pose: &CameraPose<'_>,
+    ) {
         let dt = dt.clamp(ZERO, ONE);
         let settings = self.settings;
-        let sights: heapless::Vec<(Sight, i32), MAX_SIGHTS> = detections
+        let measurements: heapless::Vec<(Measurement, i32), MAX_MEASUREMENTS> = detections
             .iter()
             .filter(|d| d.score >= settings.keep_score)
-            .take(MAX_SIGHTS)
-            .map(|d| (Sight::new(d, view, &settings), d.score))
+            .take(MAX_MEASUREMENTS)
+            .map(|d| (Measurement::new(d, pose, &settings), d.score))
             .collect();
         for track in &mut self.tracks {
             track.predict(dt, &settings);
             track.coasting = true;
         }
-        let mut free = [true; MAX_SIGHTS];
+        let mut free = [true; MAX_MEASUREMENTS];
         for confirmed in [true, false] {
-            self.assign(&sights, &mut free, confirmed, time_us);
+            self.assign(&measurements, &mut free, confirmed, time_us);
         }
         for track in self.tracks.iter_mut().filter(|track| track.coasting) {
-            track.coast(view);
+            track.coast(pose);
         }
         for track in &mut self.tracks {
-            track.weigh(&settings);
+            track.confirm(&settings);
         }
         self.tracks.retain(|track| !track.is_over(time_us, &settings));
         self.merge();
-        for ((sight, score), free) in sights.iter().zip(free) {
+        for ((measurement, score), free) in measurements.iter().zip(free) {
             if free && *score >= settings.start_score {
-                self.start(sight, *score, time_us);
+                self.start(measurement, *score, time_us);
             }
         }
     }
 
-    /// Gives sights to tracks that are (not) confirmed, the nearest pair first.
+    /// Gives measurements to tracks that are (not) confirmed, the nearest pair first.
     fn assign(
         &mut self,
-        sights: &[(Sight, i32)],
-        free: &mut [bool; MAX_SIGHTS],
+        measurements: &[(Measurement, i32)],
+        free: &mut [bool; MAX_MEASUREMENTS],
         confirmed: bool,
         time_us: i64,
     ) {
-        let mut distances = [[None; MAX_SIGHTS]; MAX_TRAFFIC];
+        let mut distances = [[None; MAX_MEASUREMENTS]; MAX_TRAFFIC];
         for (track, row) in self.tracks.iter().zip(&mut distances) {
-            for ((sight, _), distance) in sights.iter().zip(row) {
-                *distance = (track.confirmed == confirmed).then(|| track.distance(sight)).flatten();
+            for ((measurement, _), distance) in measurements.iter().zip(row) {
+                *distance =
+                    (track.confirmed == confirmed).then(|| track.distance(measurement)).flatten();
             }
         }
         loop {
@@ -330,8 +370,8 @@ impl Tracker {
                 }
             }
             let Some((_, t, s)) = best else { return };
-            let (sight, score) = &sights[s];
-            self.tracks[t].update(sight, *score, time_us, &self.settings);
+            let (measurement, score) = &measurements[s];
+            self.tracks[t].update(measurement, *score, time_us, &self.settings);
             free[s] = false;
         }
     }
@@ -344,7 +384,8 @@ impl Tracker {
             let better = |other: &Track| {
                 let rank = |t: &Track| (!t.confirmed, t.coasting, t.frames < 255, 255 - t.frames);
                 other.id != track.id
-                    && (other.rect.overlaps(&track.rect, 77) || other.is_one_with(&track.rect))
+                    && (other.rect.overlaps(&track.rect, SAME_OBJECT_IOU)
+                        || other.covers_half_of(&track.rect))
                     && rank(other) < rank(&track)
             };
             if self.tracks.iter().any(better) {
@@ -356,24 +397,28 @@ impl Tracker {
     }
 
     /// A new track, in the place of a worse one that is not confirmed where there is no room.
-    fn start(&mut self, sight: &Sight, score: i32, time_us: i64) {
-        let known =
-            |track: &Track| track.rect.overlaps(&sight.rect, 26) || track.is_one_with(&sight.rect);
+    fn start(&mut self, measurement: &Measurement, score: i32, time_us: i64) {
+        let known = |track: &Track| {
+            track.rect.overlaps(&measurement.rect, KNOWN_OBJECT_IOU)
+                || track.covers_half_of(&measurement.rect)
+        };
         if self.tracks.iter().any(known) {
             return;
         }
         if self.tracks.is_full() {
             let worst = self.tracks.iter().enumerate().filter(|(_, t)| !t.confirmed);
             let worst = worst.min_by_key(|(_, t)| t.score).map(|(i, t)| (i, t.score));
-            self.dropped = self.dropped.saturating_add(1);
             match worst {
                 Some((i, least)) if least < score => drop(self.tracks.remove(i)),
-                _ => return,
+                _ => {
+                    self.dropped = self.dropped.saturating_add(1);
+                    return;
+                }
             }
         }
         let id = self.next_id();
         // There is room now.
-        let _ = self.tracks.push(Track::start(id, sight, score, time_us, &self.settings));
+        let _ = self.tracks.push(Track::start(id, measurement, score, time_us, &self.settings));
     }
 
     /// The next number that no track has; never 0.

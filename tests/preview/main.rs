@@ -6,7 +6,7 @@ mod hostile;
 mod page;
 
 use lookout::mavlink::messages::Blind;
-use lookout::shell::preview::snapshot::{Health, Latency, Link, Picture, State, Track};
+use lookout::shell::preview::snapshot::{Health, Latency, Link, LinkState, Picture, State, Track};
 use lookout::shell::preview::{Preview, PreviewError, Snapshot};
 use lookout::tracking::traffic::Level;
 use serde_json::{Value, json};
@@ -57,8 +57,18 @@ pub fn quiet(frames: u64) -> Snapshot {
             Latency { stage: "detector".into(), p50_ms: 21.5, p99_ms: 34.25 },
         ],
         links: vec![
-            Link { name: "serial:/dev/ttyAMA0:921600".into(), up: true, sent: 5120, dropped: 0 },
-            Link { name: "udpout:192.168.2.1:14550".into(), up: false, sent: 12, dropped: 7 },
+            Link {
+                name: "serial:/dev/ttyAMA0:921600".into(),
+                state: LinkState::Up,
+                sent: 5120,
+                dropped: 0,
+            },
+            Link {
+                name: "udpout:192.168.2.1:14550".into(),
+                state: LinkState::Down,
+                sent: 12,
+                dropped: 7,
+            },
         ],
         autopilot: Some("ArduPilot 4.6, system 1".into()),
         field_of_view_deg: 62.0,
@@ -76,6 +86,7 @@ pub fn warning(frames: u64) -> Snapshot {
         azimuth_deg: 9.25,
         elevation_deg: 12.0,
         range_m: Some(84.2),
+        range_sigma_m: Some(59.1),
         time_to_contact_s: Some(6.04),
         score: 3.456,
         ..Track::default()
@@ -196,6 +207,20 @@ fn every_address_answers_and_keeps_safe() {
 }
 
 #[test]
+fn blueos_finds_the_page() {
+    let preview = start(Some("a-token-of-enough-letters"));
+    let service = get(&preview, "/register_service").json();
+    for key in ["name", "description", "icon", "company", "version", "webpage", "api"] {
+        assert!(service[key].is_string(), "{key}: {service}");
+    }
+    assert_eq!(
+        (&service["name"], &service["works_in_relative_paths"]),
+        (&json!("Lookout"), &json!(true))
+    );
+    assert_eq!(service["version"], env!("CARGO_PKG_VERSION"));
+}
+
+#[test]
 fn the_state_is_the_newest_published() {
     let preview = start(None);
     assert_eq!(get(&preview, "/state.json").json()["health"]["state"], "starting");
@@ -213,11 +238,11 @@ fn the_state_is_the_newest_published() {
     };
     merge(
         &mut far,
-        json!({"azimuth_deg": -22.0, "elevation_deg": -1.5, "range_m": null, "time_to_contact_s": null, "score": 0.5}),
+        json!({"azimuth_deg": -22.0, "elevation_deg": -1.5, "range_m": null, "range_sigma_m": null, "callsign": "", "muted": false, "time_to_contact_s": null, "score": 0.5}),
     );
     merge(
         &mut near,
-        json!({"azimuth_deg": 9.25, "elevation_deg": 12.0, "range_m": 84.2, "time_to_contact_s": 6.04, "score": 3.456}),
+        json!({"azimuth_deg": 9.25, "elevation_deg": 12.0, "range_m": 84.2, "range_sigma_m": 59.1, "callsign": "", "muted": false, "time_to_contact_s": 6.04, "score": 3.456}),
     );
     let expected = json!({
         "age_ms": null,
@@ -232,9 +257,11 @@ fn the_state_is_the_newest_published() {
             {"stage": "exposure to frame", "p50_ms": 8.14, "p99_ms": 11.0},
             {"stage": "detector", "p50_ms": 21.5, "p99_ms": 34.25},
         ],
+        "autopilot_lost": false,
+        "parameters": [],
         "links": [
-            {"name": "serial:/dev/ttyAMA0:921600", "up": true, "sent": 5120, "dropped": 0},
-            {"name": "udpout:192.168.2.1:14550", "up": false, "sent": 12, "dropped": 7},
+            {"name": "serial:/dev/ttyAMA0:921600", "state": "up", "sent": 5120, "dropped": 0},
+            {"name": "udpout:192.168.2.1:14550", "state": "down", "sent": 12, "dropped": 7},
         ],
         "autopilot": "ArduPilot 4.6, system 1",
         "field_of_view_deg": 62.0,

@@ -3,8 +3,9 @@
 use super::browser::Browser;
 use super::{picture, quiet, start, warning};
 use lookout::mavlink::messages::Blind;
-use lookout::shell::preview::snapshot::State;
+use lookout::shell::preview::snapshot::{LinkState, ParameterLine, State, Track};
 use lookout::shell::preview::{Preview, Snapshot};
+use lookout::tracking::traffic::Level;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -135,12 +136,12 @@ fn the_page_says_what_was_published() {
 
     lookout.show(warning(0));
     browser.reads("level", "Warning");
-    browser.reads("detail", "Object 7: 9.3° right, 12.0° up, about 84 m, contact in 6.0 s");
+    browser.reads("detail", "Object 7: 9.3° right, 12.0° up, about 84 ± 59 m, contact in 6.0 s");
     browser.until("document.title", "Warning – Lookout");
     let colour = "getComputedStyle(document.getElementById('banner')).backgroundColor";
     assert_eq!(browser.value(colour), "rgb(179, 0, 27)");
     let objects = json!([
-        ["7warning", "9.3° right, 12.0° up", "84 m", "6.0 s", "3.46"],
+        ["7warning", "9.3° right, 12.0° up", "84 ± 59 m", "6.0 s", "3.46"],
         ["12traffic", "22.0° left, 1.5° down", "–", "–", "0.50"]
     ]);
     assert_eq!(rows(&mut browser, "objects"), objects);
@@ -195,7 +196,7 @@ fn the_page_says_what_was_published() {
     lookout.show(odd);
     browser.reads("autopilot", "<b>one</b> & another");
     browser.reads("rate", "–");
-    browser.reads("detail", "Object 7: –, 12.0° up, about 84 m, contact in 6.0 s");
+    browser.reads("detail", "Object 7: –, 12.0° up, about 84 ± 59 m, contact in 6.0 s");
 
     let mut blind = quiet(0);
     blind.health.state = State::Blind;
@@ -233,6 +234,120 @@ fn the_page_says_what_was_published() {
     browser.reads("level", "Unknown");
     assert_eq!(browser.value("document.getElementById('all').className"), "old");
     fits(&mut browser, "phone-no-connection");
+}
+
+/// Pairs of texts within these elements that lie on one another, and texts outside of the element.
+fn label_faults(browser: &mut Browser, id: &str) -> Value {
+    browser.value(&format!(
+        r##"(() => {{
+  const around = document.getElementById("{id}").getBoundingClientRect();
+  const texts = [...document.querySelectorAll("#{id} [data-id] text")].map((e) => [e.textContent, e.getBoundingClientRect()]);
+  const over = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1;
+  const faults = [];
+  texts.forEach(([name, a], i) => {{
+    texts.slice(i + 1).forEach(([other, b]) => {{ if (over(a, b)) faults.push(`${{name}} on ${{other}}`); }});
+    if (a.left < around.left - 1 || a.right > around.right + 1 || a.top < around.top - 1 || a.bottom > around.bottom + 1) faults.push(`${{name}} outside`);
+  }});
+  return texts.length ? faults : ["no texts"];
+}})()"##
+    ))
+}
+
+/// Objects close together, in a corner, at the edge and alone.
+fn crowd() -> Snapshot {
+    let mut snapshot = warning(0);
+    let template = snapshot.tracks[1].clone();
+    let levels = [Level::Warning, Level::Caution, Level::Traffic, Level::None];
+    snapshot.tracks = (0..12u16)
+        .map(|i| {
+            let at = f64::from(i);
+            let rect = match i {
+                0..6 => [150.0 + at * 9.0, 100.0 + at * 2.0, 12.0, 6.0],
+                6..9 => [300.0 - at, 2.0 + at, 12.0, 6.0],
+                _ => [at, 225.0 - at, 14.0, 7.0],
+            };
+            let level = levels[usize::from(i) % 4];
+            let azimuth_deg = (rect[0] - 160.0) / 160.0 * 31.0;
+            Track { id: 9990 + i, rect, level, azimuth_deg, ..template.clone() }
+        })
+        .collect();
+    snapshot
+}
+
+#[test]
+fn labels_do_not_overlap_and_cards_are_full() {
+    let Some(mut browser) = Browser::start() else { return };
+    let lookout = Loop::start(start(None));
+    lookout.show(crowd());
+    browser.screen(390, 844, true, "light");
+    browser.open(&lookout.address());
+    for (width, height, phone) in
+        [(390, 844, true), (360, 640, true), (1280, 800, false), (1920, 1080, false)]
+    {
+        browser.screen(width, height, phone, "light");
+        browser.until("innerWidth", width);
+        browser.until("document.querySelectorAll('#boxes g').length", 12);
+        // The picture after the change of the screen.
+        thread::sleep(Duration::from_millis(700));
+        for id in ["boxes", "map"] {
+            assert_eq!(label_faults(&mut browser, id), json!([]), "{id} at {width}x{height}");
+        }
+        fits(&mut browser, &format!("crowd-{width}"));
+    }
+    lookout.show(warning(0));
+    for (width, height, phone) in [(390, 844, true), (1280, 800, false), (1920, 1080, false)] {
+        browser.screen(width, height, phone, "light");
+        browser.until("innerWidth", width);
+        browser.until("document.querySelectorAll('#objects tbody tr').length", 2);
+        // The part of each card below its content; a drawing counts as far as it is drawn.
+        let empty = r##"[...document.querySelectorAll("main > section")].filter((e) => !e.hidden).map((card) => {
+  const box = card.getBoundingClientRect();
+  const ends = [...card.children].filter((e) => !e.hidden).map((e) => e.getBoundingClientRect().bottom);
+  const map = card.querySelector("#map")?.getBoundingClientRect();
+  const unused = map ? Math.max(map.height - map.width, 0) : 0;
+  return [card.innerText.slice(0, 20), (box.bottom - Math.max(...ends) + unused) / box.height];
+}).filter(([, share]) => share > 0.2)"##;
+        assert_eq!(browser.value(empty), json!([]), "{width}x{height}");
+    }
+}
+
+#[test]
+fn links_and_autopilot_that_do_not_answer_stand_out() {
+    let Some(mut browser) = Browser::start() else { return };
+    let lookout = Loop::start(start(None));
+    let mut snapshot = quiet(0);
+    snapshot.links[1].state = LinkState::Silent;
+    snapshot.autopilot = None;
+    snapshot.parameters = vec![
+        ParameterLine { name: "LK_WINGSPAN", value: 0.35, range: [0.0625, 100.0] },
+        ParameterLine { name: "LK_TEXT", value: 1.0, range: [0.0, 1.0] },
+    ];
+    lookout.show(snapshot.clone());
+    browser.screen(390, 844, true, "light");
+    browser.open(&lookout.address());
+    browser.reads("autopilot", "none heard");
+    let missing = "No autopilot heard: no traffic is on its map or that of a ground station.";
+    browser.reads("fault", missing);
+    browser.reads("level", "No alert");
+    assert_eq!(rows(&mut browser, "links")[1][1], "no answer");
+    let parameters = json!([["LK_WINGSPAN", "0.35", "0.0625 to 100"], ["LK_TEXT", "1", "0 to 1"]]);
+    assert_eq!(rows(&mut browser, "parameters"), parameters);
+    fits(&mut browser, "phone-no-autopilot");
+    snapshot.autopilot = Some("system 1".into());
+    snapshot.autopilot_lost = true;
+    lookout.show(snapshot.clone());
+    browser.reads("autopilot", "system 1lost");
+    browser.until("document.getElementById('fault').innerText.startsWith('Autopilot lost')", true);
+    // Back, and a page without links needs none.
+    snapshot.autopilot_lost = false;
+    lookout.show(snapshot.clone());
+    browser.until("document.getElementById('fault').hidden", true);
+    snapshot.autopilot = None;
+    snapshot.links.clear();
+    lookout.show(snapshot);
+    browser.reads("autopilot", "none heard");
+    browser.until("document.getElementById('fault').hidden", true);
+    assert_eq!(browser.complaints, Vec::<String>::new());
 }
 
 #[test]

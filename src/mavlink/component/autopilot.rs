@@ -1,23 +1,29 @@
-//! The autopilot: who it is, whether it is there, and what it says of the vehicle.
+//! The autopilot: which one is served, whether it is there, and what it sends about the vehicle.
+//!
+//! The first vehicle that is heard is *home*: it is served whenever it is there. When it is silent a vehicle that was
+//! never heard beside it (home after a restart with another system id, say) is served until home comes back; one that
+//! was heard beside it flies on its own and is never served.
 
 use super::clock::Clock;
+use super::heartbeat::is_vehicle;
 use super::{Component, Destination, Event, Sender};
 use crate::mavlink::dialect::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, MavCmd,
     SYSTEM_TIME_DATA, TIMESYNC_DATA,
 };
+use crate::mavlink::messages::text::{self, AutopilotNews};
 use crate::mavlink::messages::{Payload, Vehicle, angle};
 use fixed::types::{I2F30, I8F24};
 use mavlink_core::{MavlinkVersion, MessageData};
 
-/// MAV_AUTOPILOT_INVALID: not an autopilot.
-const NO_AUTOPILOT: u8 = 8;
+/// Without any message for this long the autopilot is lost, microseconds: two heartbeats missed, and all its telemetry.
+const LOST_US: i64 = 2_500_000;
 
-/// Without a heartbeat for so long the autopilot is lost: five missed.
-const LOST_US: i64 = 5_000_000;
+/// Least time between two texts that the autopilot is lost, microseconds: a bad radio link would fill the screen.
+const LOST_TEXT_US: i64 = 10_000_000;
 
-/// Without one for so long another autopilot takes its place, as after a restart with another system id.
-const SILENT_US: i64 = 2_500_000;
+/// Number of other vehicles that are remembered.
+pub(super) const OTHERS: usize = 16;
 
 /// Messages may overtake one another by this much without meaning a restart.
 const RESTART_MS: u32 = 2_000;
@@ -39,7 +45,8 @@ pub struct Autopilot {
     pub kind: u8,
     /// The link it is heard over.
     pub link: u8,
-    heartbeat_us: i64,
+    /// When its last message came.
+    heard_us: i64,
     boot_ms: Option<u32>,
     quaternion_us: Option<i64>,
     attitude_us: Option<i64>,
@@ -47,46 +54,132 @@ pub struct Autopilot {
     asked_us: Option<i64>,
 }
 
-fn silent(since: Option<i64>, now_us: i64, limit_us: i64) -> bool {
-    since.is_none_or(|since| now_us.saturating_sub(since) > limit_us)
-}
-
-impl Component {
-    /// HEARTBEAT: read by hand, because it may bear types that are younger than this program.
-    pub(super) fn hear_heartbeat(&mut self, from: Sender, kind: u8, now_us: i64) {
-        if kind == NO_AUTOPILOT || self.config.system_id.is_some_and(|own| own != from.system) {
-            return;
-        }
-        if let Some(own) = &mut self.autopilot {
-            let silence = now_us.saturating_sub(own.heartbeat_us);
-            if (own.system_id, own.component_id) == (from.system, from.component) {
-                // Heard over several links: the first one, while it works.
-                if own.link == from.link || silence > SILENT_US {
-                    own.link = from.link;
-                    own.heartbeat_us = now_us;
-                    own.kind = kind;
-                }
-                return;
-            }
-            if silence <= SILENT_US {
-                return;
-            }
-        }
-        self.autopilot = Some(Autopilot {
+impl Autopilot {
+    fn new(from: Sender, kind: u8, now_us: i64) -> Self {
+        Self {
             system_id: from.system,
             component_id: from.component,
             kind,
             link: from.link,
-            heartbeat_us: now_us,
+            heard_us: now_us,
             boot_ms: None,
             quaternion_us: None,
             attitude_us: None,
             position_us: None,
             asked_us: None,
-        });
+        }
+    }
+
+    fn is(&self, from: Sender) -> bool {
+        (self.system_id, self.component_id) == (from.system, from.component)
+    }
+
+    fn is_silent(&self, now_us: i64) -> bool {
+        now_us.saturating_sub(self.heard_us) > LOST_US
+    }
+}
+
+/// Another vehicle than home.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OtherVehicle {
+    system: u8,
+    component: u8,
+    /// Whether home was heard after it: they are two.
+    beside_home: bool,
+}
+
+fn silent(since: Option<i64>, now_us: i64, limit_us: i64) -> bool {
+    since.is_none_or(|since| now_us.saturating_sub(since) > limit_us)
+}
+
+impl Component {
+    /// HEARTBEAT: read by number, because it may hold types that are younger than this program.
+    pub(super) fn hear_heartbeat(&mut self, from: Sender, mav_type: u8, kind: u8, now_us: i64) {
+        let other_system = self.config.system_id.is_some_and(|own| own != from.system);
+        if other_system || !is_vehicle(mav_type, kind, from.component) {
+            return;
+        }
+        let is_home = self.home.is_none_or(|home| home == (from.system, from.component));
+        if is_home {
+            self.others.iter_mut().for_each(|other| other.beside_home = true);
+        }
+        if let Some(own) = &mut self.autopilot
+            && own.is(from)
+        {
+            // Heard over several links: the first one, while it works.
+            if own.link == from.link || own.is_silent(now_us) {
+                own.link = from.link;
+                own.heard_us = now_us;
+                own.kind = kind;
+            }
+            return;
+        }
+        if !is_home {
+            let beside_home = self.note_other(from);
+            if beside_home || self.autopilot.is_some_and(|own| !own.is_silent(now_us)) {
+                return;
+            }
+        }
+        self.serve(from, kind, now_us);
+    }
+
+    /// Remembers another vehicle than home; whether it was heard beside it.
+    fn note_other(&mut self, from: Sender) -> bool {
+        let same = |o: &&OtherVehicle| (o.system, o.component) == (from.system, from.component);
+        if let Some(other) = self.others.iter().find(same) {
+            return other.beside_home;
+        }
+        if self.others.is_full() {
+            self.others.remove(0);
+        }
+        let Sender { system, component, .. } = from;
+        let _ = self.others.push(OtherVehicle { system, component, beside_home: false });
+        false
+    }
+
+    /// Serves the vehicle of `from` from now on.
+    fn serve(&mut self, from: Sender, kind: u8, now_us: i64) {
+        let system_id = from.system;
+        let before = self.last_served.filter(|last| last.is(from));
+        // Its time since boot is kept, so that a restart while it was silent is noticed.
+        let boot_ms = before.and_then(|last| last.boot_ms);
+        self.autopilot = Some(Autopilot { boot_ms, ..Autopilot::new(from, kind, now_us) });
         self.forget_flight();
-        self.latched = Some(from.system);
-        self.happened(Event::Found { system_id: from.system, autopilot: kind });
+        self.home.get_or_insert((from.system, from.component));
+        let loss_announced = core::mem::take(&mut self.loss_announced);
+        match self.last_served {
+            None => self.happened(Event::Found { system_id, autopilot: kind }),
+            Some(last) if last.is(from) => {
+                self.happened(Event::Returned { system_id });
+                if loss_announced {
+                    self.announce(AutopilotNews::Returned);
+                }
+            }
+            Some(_) => {
+                self.happened(Event::Found { system_id, autopilot: kind });
+                self.announce(AutopilotNews::Other(system_id));
+            }
+        }
+        self.last_served = self.autopilot;
+    }
+
+    /// A text about the autopilot, to all.
+    fn announce(&mut self, news: AutopilotNews) {
+        if self.parameters.is_on(super::parameters::Parameter::Text) {
+            self.say(Destination::All, self.config.component_id, true, &text::autopilot(news));
+        }
+    }
+
+    /// Ends serving an autopilot that is silent.
+    fn lose_autopilot(&mut self, now_us: i64) {
+        self.last_served = self.autopilot.take();
+        self.forget_flight();
+        self.happened(Event::Lost);
+        if silent(self.loss_text_us, now_us, LOST_TEXT_US) {
+            self.loss_text_us = Some(now_us);
+            self.loss_announced = true;
+            self.announce(AutopilotNews::Lost);
+        }
     }
 
     fn forget_flight(&mut self) {
@@ -97,8 +190,7 @@ impl Component {
 
     /// Whether `from` is our autopilot.
     pub(super) fn is_autopilot(&self, from: Sender) -> bool {
-        self.autopilot
-            .is_some_and(|own| (own.system_id, own.component_id) == (from.system, from.component))
+        self.autopilot.is_some_and(|own| own.is(from))
     }
 
     /// Notes the autopilot's time since boot; a fall is a restart.
@@ -116,10 +208,21 @@ impl Component {
         if restarted {
             self.forget_flight();
             self.happened(Event::Restarted);
+            self.announce(AutopilotNews::Restarted);
         }
     }
 
-    /// A message of our autopilot about the vehicle. `false` where it does not hold what its number says.
+    /// Notes that the autopilot sent something.
+    pub(super) fn hear_autopilot(&mut self, from: Sender, now_us: i64) {
+        if let Some(own) = &mut self.autopilot
+            && own.is(from)
+            && own.link == from.link
+        {
+            own.heard_us = now_us;
+        }
+    }
+
+    /// A message of our autopilot about the vehicle. `false` where its payload is not that of its number.
     pub(super) fn hear_vehicle(
         &mut self,
         id: u32,
@@ -212,10 +315,8 @@ impl Component {
     /// Whether the autopilot is still there, and what it is to be asked.
     pub(super) fn keep_autopilot(&mut self, now_us: i64) {
         let Some(own) = self.autopilot else { return };
-        if now_us.saturating_sub(own.heartbeat_us) > LOST_US {
-            self.autopilot = None;
-            self.forget_flight();
-            self.happened(Event::Lost);
+        if own.is_silent(now_us) {
+            self.lose_autopilot(now_us);
             return;
         }
         let to = Destination::Link(own.link);

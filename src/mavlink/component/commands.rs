@@ -178,7 +178,7 @@ impl Component {
         let mut speaker = command.component;
         let payload = match command.whole(0) {
             Some(0) if is_camera => Payload::new(&status::camera_heartbeat(self.state)),
-            Some(0) => Payload::new(&status::heartbeat(self.state)),
+            Some(0) => Payload::new(&status::heartbeat(self.state, self.config.heartbeat)),
             Some(148) => Payload::new(&status::version()),
             Some(300) => Payload::new(&status::protocol()),
             Some(396) => Payload::new(&status::component(boot_ms)),

@@ -7,23 +7,34 @@
 mod autopilot;
 mod clock;
 mod commands;
+mod cooperative;
+mod heartbeat;
+mod identity;
 pub mod parameters;
+mod requests;
 mod streams;
+
+use autopilot::{OTHERS, OtherVehicle};
 
 pub use autopilot::Autopilot;
 pub use clock::Clock;
+pub use cooperative::Aircraft;
+pub use heartbeat::is_vehicle;
+pub use identity::{FLEET, Naming};
 
 use crate::mavlink::dialect::{
-    ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COLLISION_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
-    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA,
-    PARAM_SET_DATA, SYSTEM_TIME_DATA, TIMESYNC_DATA,
+    ADSB_VEHICLE_DATA, ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COLLISION_DATA, COMMAND_INT_DATA,
+    COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, PARAM_REQUEST_LIST_DATA,
+    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, SYSTEM_TIME_DATA, TIMESYNC_DATA,
 };
-use crate::mavlink::messages::status::State;
+use crate::mavlink::messages::status::{HeartbeatType, State};
 use crate::mavlink::messages::text::Alerts;
 use crate::mavlink::messages::{Health, Payload, Vehicle};
 use crate::tracking::traffic::{Level, MAX_TRAFFIC, Traffic};
 use commands::{Fields, Follow};
+use cooperative::AIRCRAFT;
 use fixed::types::I16F16;
+use identity::Slots;
 use mavlink_core::{MAVLinkMessageRaw, MessageData};
 use parameters::{Parameter, Parameters};
 use streams::{STREAMS, Seen, Timer};
@@ -43,6 +54,10 @@ pub struct Config {
     pub position_hz: u16,
     /// Without a finished frame for this long the lookout counts as stalled, in microseconds. Default 700 000.
     pub stall_us: i64,
+    /// MAV_TYPE of the heartbeat. Default ONBOARD_CONTROLLER.
+    pub heartbeat: HeartbeatType,
+    /// What objects are taken for, and the own fleet.
+    pub naming: Naming,
 }
 
 impl Default for Config {
@@ -54,6 +69,8 @@ impl Default for Config {
             attitude_hz: 50,
             position_hz: 5,
             stall_us: 700_000,
+            heartbeat: HeartbeatType::default(),
+            naming: Naming::default(),
         }
     }
 }
@@ -116,8 +133,13 @@ pub enum Event {
         /// Its MAV_AUTOPILOT: 3 ArduPilot, 12 PX4.
         autopilot: u8,
     },
-    /// No heartbeat of the autopilot for five seconds.
+    /// Nothing was heard of the autopilot for 2.5 seconds.
     Lost,
+    /// The autopilot that was served before is heard again.
+    Returned {
+        /// Its system id.
+        system_id: u8,
+    },
     /// The autopilot's time since boot fell: attitudes from before are of another flight.
     Restarted,
     /// Attitude of the vehicle: rotation from body (forward, right, down) to north, east, down.
@@ -171,14 +193,24 @@ pub struct Component {
     started_us: i64,
 
     autopilot: Option<Autopilot>,
-    /// System id of the last autopilot: ours too, also while it is lost.
-    latched: Option<u8>,
+    /// The autopilot that was served last; its system id is ours too, also while it is lost.
+    last_served: Option<Autopilot>,
+    /// System and component id of the autopilot that was served first.
+    home: Option<(u8, u8)>,
+    others: heapless::Vec<OtherVehicle, OTHERS>,
+    /// When a text last said that the autopilot is lost, and whether the last loss was said.
+    loss_text_us: Option<i64>,
+    loss_announced: bool,
     clock: Clock,
     timesync_us: Option<i64>,
     unix_offset_us: Option<i64>,
     vehicle: Option<Vehicle>,
     /// When the autopilot last told of a collision itself.
     yield_us: Option<i64>,
+
+    /// Aircraft that transmit their position.
+    aircraft: heapless::Vec<Aircraft, AIRCRAFT>,
+    slots: Slots,
 
     traffic: heapless::Vec<Traffic, MAX_TRAFFIC>,
     seen: heapless::Vec<Seen, MAX_TRAFFIC>,
@@ -190,9 +222,10 @@ pub struct Component {
     rate: I16F16,
 
     state: State,
-    state_us: i64,
-    /// The state that people were last told of, and when they last had bad news.
-    told: (State, Option<i64>),
+    /// When the lookout began to see, or not to see for the present reason.
+    sight_us: i64,
+    /// The state of the last text about it, and when the last text said that nothing is seen.
+    sight_announced: (State, Option<i64>),
     alerts: Alerts,
     timers: [Timer; STREAMS.len()],
     follow: Follow,
@@ -211,12 +244,18 @@ impl Component {
             events: heapless::Deque::new(),
             started_us: now_us,
             autopilot: None,
-            latched: None,
+            last_served: None,
+            home: None,
+            others: heapless::Vec::new(),
+            loss_text_us: None,
+            loss_announced: false,
             clock: Clock::default(),
             timesync_us: None,
             unix_offset_us: None,
             vehicle: None,
             yield_us: None,
+            aircraft: heapless::Vec::new(),
+            slots: Slots::default(),
             traffic: heapless::Vec::new(),
             seen: heapless::Vec::new(),
             health: Health::default(),
@@ -225,8 +264,8 @@ impl Component {
             counted: (0, now_us),
             rate: I16F16::ZERO,
             state: State::Starting,
-            state_us: now_us,
-            told: (State::Starting, None),
+            sight_us: now_us,
+            sight_announced: (State::Starting, None),
             alerts: Alerts::default(),
             timers: [Timer::default(); STREAMS.len()],
             follow: Follow { on: true, chosen: None },
@@ -252,8 +291,12 @@ impl Component {
         let trusted = trust != Trust::Unsigned;
         let (id, version, payload) = (frame.message_id(), frame.version(), frame.payload());
         let mut good = true;
+        self.hear_autopilot(from, now_us);
         match id {
-            HEARTBEAT_DATA::ID => self.hear_heartbeat(from, Fields(payload).byte(5), now_us),
+            HEARTBEAT_DATA::ID => {
+                let fields = Fields(payload);
+                self.hear_heartbeat(from, fields.byte(4), fields.byte(5), now_us);
+            }
             ATTITUDE_DATA::ID
             | ATTITUDE_QUATERNION_DATA::ID
             | GLOBAL_POSITION_INT_DATA::ID
@@ -276,7 +319,13 @@ impl Component {
             PARAM_REQUEST_READ_DATA::ID | PARAM_REQUEST_LIST_DATA::ID | PARAM_SET_DATA::ID => {
                 self.hear_parameter(id, from, payload, trusted);
             }
-            _ => {}
+            ADSB_VEHICLE_DATA::ID if self.is_autopilot(from) => {
+                match ADSB_VEHICLE_DATA::deser(version, payload) {
+                    Ok(data) => self.hear_aircraft(&data, now_us),
+                    Err(_) => good = false,
+                }
+            }
+            _ => self.hear_request(id, from, payload),
         }
         if !good {
             count(&mut self.counters.malformed);
@@ -323,13 +372,21 @@ impl Component {
                 }
             }
         }
+        let confirmed = self.traffic.iter().filter(|object| object.confirmed);
+        self.slots.update(confirmed.map(|object| object.id));
+        self.match_aircraft(now_us);
         if !self.parameters.is_on(Parameter::Text) {
             return;
         }
         let interval = i64::from(self.parameters.get(Parameter::TextInterval).to_bits());
         let interval_us = (interval * 1_000_000) >> 16;
         for at in 0..self.traffic.len() {
-            if let Some(words) = self.alerts.due(&self.traffic[at], now_us, interval_us) {
+            let object = self.traffic[at];
+            if !self.is_reported(&object) {
+                continue;
+            }
+            let callsign = self.callsign(object.id);
+            if let Some(words) = self.alerts.due(&object, callsign, now_us, interval_us) {
                 self.say(Destination::All, self.config.component_id, true, &words);
             }
         }
@@ -338,7 +395,7 @@ impl Component {
     /// The next message to be sent, if any; to be called until there is none, every 20 ms or so.
     pub fn poll(&mut self, now_us: i64) -> Option<Outgoing> {
         if self.outbox.is_empty() {
-            self.judge(now_us);
+            self.update_state(now_us);
             self.keep_autopilot(now_us);
             self.stream(now_us);
             self.list_parameters();
@@ -371,6 +428,16 @@ impl Component {
         self.autopilot.as_ref()
     }
 
+    /// The autopilot that was served last; that of [`Component::autopilot`] while it is there.
+    pub fn last_served(&self) -> Option<&Autopilot> {
+        self.autopilot.as_ref().or(self.last_served.as_ref())
+    }
+
+    /// The vehicle's place, unless it is too old to put others on the map.
+    fn fresh_vehicle(&self, now_us: i64) -> Option<Vehicle> {
+        self.vehicle.filter(|own| now_us.saturating_sub(own.time_us) <= streams::POSITION_US)
+    }
+
     /// The vehicle's last known place.
     pub fn vehicle(&self) -> Option<&Vehicle> {
         self.vehicle.as_ref()
@@ -388,7 +455,8 @@ impl Component {
 
     /// Our system id now.
     pub fn system_id(&self) -> u8 {
-        self.config.system_id.or(self.latched).unwrap_or(1)
+        let served = self.last_served.map(|last| last.system_id);
+        self.config.system_id.or(served).unwrap_or(1)
     }
 
     /// The objects that are watched; none after the frames have stopped.

@@ -5,6 +5,7 @@
 //! Source: <https://mavlink.io/en/services/parameter.html>.
 
 use super::commands::Fields;
+use super::requests::ParameterError;
 use super::{Component, Destination, Event, Sender};
 use crate::mavlink::dialect::{
     MavParamType, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_VALUE_DATA,
@@ -75,6 +76,12 @@ impl Parameter {
     /// The parameter of a name.
     pub fn from_name(name: &[u8]) -> Option<Self> {
         DEFINITIONS.iter().find(|d| d.1.as_bytes() == name).map(|d| d.0)
+    }
+
+    /// The parameter of a name as messages hold it: up to a NUL, or 16 letters.
+    fn on_wire(name: &[u8; 16]) -> Option<Self> {
+        let length = name.iter().position(|&c| c == 0).unwrap_or(name.len());
+        Self::from_name(&name[..length])
     }
 
     /// All parameters in the order of their indices.
@@ -156,39 +163,49 @@ impl Component {
         if addressed.is_none_or(|(component, _)| component != self.config.component_id) {
             return;
         }
-        let named = |at: usize| {
-            let name = fields.bytes::<16>(at);
-            let length = name.iter().position(|&c| c == 0).unwrap_or(name.len());
-            Parameter::from_name(&name[..length])
-        };
+        let name = |at: usize| fields.bytes::<16>(at);
         match id {
             PARAM_REQUEST_LIST_DATA::ID => self.listing = Some((from.link, 0)),
             PARAM_REQUEST_READ_DATA::ID => {
                 let index = i16::from_le_bytes(fields.bytes(0));
                 let parameter = match usize::try_from(index) {
                     Ok(index) => Parameter::from_index(index),
-                    Err(_) => named(4),
+                    Err(_) => Parameter::on_wire(&name(4)),
                 };
-                if let Some(parameter) = parameter {
-                    self.tell_parameter(Destination::Link(from.link), parameter);
+                match parameter {
+                    Some(parameter) => self.send_parameter(Destination::Link(from.link), parameter),
+                    None => {
+                        self.refuse_parameter(from, name(4), index, ParameterError::DoesNotExist)
+                    }
                 }
             }
             _ if !trusted => self.counters.refused = self.counters.refused.saturating_add(1),
-            _ => {
-                let Some(parameter) = named(6) else { return };
-                let before = self.parameters.wire(parameter);
-                let value = fields.float(0);
-                // A value of another type could be meant in two ways; it is not taken.
-                if fields.byte(22) == REAL32
-                    && self.parameters.set(parameter, value)
-                    && self.parameters.wire(parameter) != before
-                {
-                    self.happened(Event::Parameter(parameter));
-                }
-                // The value that holds now, taken or not; to all, for they all keep a copy.
-                self.tell_parameter(Destination::All, parameter);
-            }
+            _ => self.set_parameter(from, name(6), fields.float(0), fields.byte(22)),
         }
+    }
+
+    /// PARAM_SET of a name to `value`, whose bytes are of MAV_PARAM_TYPE `kind`.
+    fn set_parameter(&mut self, from: Sender, name: [u8; 16], value: f32, kind: u8) {
+        let Some(parameter) = Parameter::on_wire(&name) else {
+            self.refuse_parameter(from, name, -1, ParameterError::DoesNotExist);
+            return;
+        };
+        let before = self.parameters.wire(parameter);
+        // A value of another type could be meant in two ways; it is not taken.
+        let error = if kind != REAL32 {
+            Some(ParameterError::WrongType)
+        } else if !self.parameters.set(parameter, value) {
+            Some(ParameterError::OutOfRange)
+        } else {
+            None
+        };
+        if let Some(error) = error {
+            self.refuse_parameter(from, name, parameter.index() as i16, error);
+        } else if self.parameters.wire(parameter) != before {
+            self.happened(Event::Parameter(parameter));
+        }
+        // The value that holds now, taken or not; to all, for they all keep a copy.
+        self.send_parameter(Destination::All, parameter);
     }
 
     /// Goes on with a list that was asked for, one parameter at a time.
@@ -199,10 +216,10 @@ impl Component {
             return;
         };
         self.listing = Some((link, index + 1));
-        self.tell_parameter(Destination::Link(link), parameter);
+        self.send_parameter(Destination::Link(link), parameter);
     }
 
-    fn tell_parameter(&mut self, to: Destination, parameter: Parameter) {
+    fn send_parameter(&mut self, to: Destination, parameter: Parameter) {
         let data = PARAM_VALUE_DATA {
             param_value: self.parameters.wire(parameter),
             param_count: COUNT as u16,

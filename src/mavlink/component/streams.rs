@@ -6,7 +6,8 @@ use crate::mavlink::dialect::{
     ADSB_VEHICLE_DATA, CAMERA_TRACKING_IMAGE_STATUS_DATA, COLLISION_DATA, HEARTBEAT_DATA,
     NAMED_VALUE_FLOAT_DATA, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA,
 };
-use crate::mavlink::messages::{self, Payload, adsb, obstacle, status};
+use crate::mavlink::messages::adsb::{self, Identity};
+use crate::mavlink::messages::{self, Payload, obstacle, status};
 use crate::tracking::traffic::{Level, Traffic};
 use fixed::types::I16F16;
 use mavlink_core::MessageData;
@@ -15,7 +16,7 @@ use mavlink_core::MessageData;
 const ARDUPILOT: u8 = 3;
 
 /// A position of the vehicle older than this puts nothing on the map.
-const POSITION_US: i64 = 2_000_000;
+pub(super) const POSITION_US: i64 = 2_000_000;
 
 /// After a threat is over its COLLISION goes on this long, to show that it is.
 const CLEARING_US: i64 = 5_000_000;
@@ -143,20 +144,17 @@ impl Component {
         let state = self.state;
         match stream {
             Stream::Heartbeat => {
-                self.say(all, main, true, &status::heartbeat(state));
+                self.say(all, main, true, &status::heartbeat(state, self.config.heartbeat));
                 if let Some(camera) = self.config.camera {
                     self.say(all, camera.component_id, true, &status::camera_heartbeat(state));
                 }
             }
             Stream::Adsb => {
-                let Some(own) = self.vehicle else { return };
-                if now_us.saturating_sub(own.time_us) > POSITION_US {
-                    return;
-                }
-                self.each_object(now_us, |object, seen| {
+                let Some(own) = self.fresh_vehicle(now_us) else { return };
+                self.each_object(now_us, |object, identity, seen| {
                     let age = seen.map_or(0, |seen| now_us.saturating_sub(seen.time_us));
                     let seconds = (age / 1_000_000).clamp(0, 255) as u8;
-                    adsb::vehicle(object, &own, seconds).map(|data| Payload::new(&data))
+                    adsb::vehicle(object, &own, identity, seconds).map(|data| Payload::new(&data))
                 });
             }
             Stream::Proximity => self.send_proximity(now_us),
@@ -164,11 +162,11 @@ impl Component {
                 if self.yield_us.is_some_and(|last| now_us.saturating_sub(last) < YIELD_US) {
                     return;
                 }
-                self.each_object(now_us, |object, seen| {
+                self.each_object(now_us, |object, identity, seen| {
                     let since = seen.and_then(|seen| seen.threat_us);
                     let threat = object.level >= Level::Caution
                         || since.is_some_and(|us| now_us.saturating_sub(us) < CLEARING_US);
-                    let data = adsb::collision(object).filter(|_| threat);
+                    let data = adsb::collision(object, identity).filter(|_| threat);
                     data.map(|data| Payload::new(&data))
                 });
             }
@@ -195,16 +193,20 @@ impl Component {
         }
     }
 
-    /// Queues what `message` makes of each object that is watched now.
+    /// Queues what `message` makes of each object that has an identity and is reported.
     fn each_object(
         &mut self,
         now_us: i64,
-        message: impl Fn(&Traffic, Option<Seen>) -> Option<Payload>,
+        message: impl Fn(&Traffic, &Identity, Option<Seen>) -> Option<Payload>,
     ) {
         for at in 0..self.objects(now_us).len() {
             let object = self.traffic[at];
+            let Some(identity) = self.identity(object.id).filter(|_| self.is_reported(&object))
+            else {
+                continue;
+            };
             let seen = self.seen.iter().find(|seen| seen.track == object.id).copied();
-            if let Some(payload) = message(&object, seen) {
+            if let Some(payload) = message(&object, &identity, seen) {
                 self.queue(Destination::All, self.config.component_id, false, payload);
             }
         }
@@ -250,42 +252,54 @@ impl Component {
         chosen.or(urgent).copied()
     }
 
-    /// The state the heartbeat tells, by when frames were finished and what they showed.
-    pub(super) fn judge(&mut self, now_us: i64) {
+    /// Updates the state of the heartbeat: by when frames were finished, what they showed, and whether the autopilot that
+    /// was served is there.
+    pub(super) fn update_state(&mut self, now_us: i64) {
         let state = match self.observed_us {
             None => status::State::Starting,
             Some(last) if now_us.saturating_sub(last) > self.config.stall_us => {
                 status::State::Stalled
             }
             Some(_) if self.health.blind.any() => status::State::Blind(self.health.blind),
+            Some(_) if self.autopilot.is_none() && self.last_served.is_some() => {
+                status::State::NoAutopilot
+            }
             Some(_) => status::State::Watching,
         };
         if state != self.state {
+            if sees(state) != sees(self.state) || !sees(state) {
+                self.sight_us = now_us;
+            }
             self.state = state;
-            self.state_us = now_us;
             // Others learn it now, not at the next second.
             self.send_stream(Stream::Heartbeat, now_us);
             self.timers[Stream::Heartbeat as usize].next_us = Some(now_us + 1_000_000);
         }
-        self.tell_sight(now_us);
+        self.announce_sight(now_us);
     }
 
     /// A text where the lookout sees nothing, at most one in ten seconds, or sees again. Only what has lasted counts.
-    fn tell_sight(&mut self, now_us: i64) {
-        let (told, bad_us) = self.told;
-        let good = self.state == status::State::Watching;
+    fn announce_sight(&mut self, now_us: i64) {
+        let (announced, bad_us) = self.sight_announced;
+        let good = sees(self.state);
+        let state = if good { status::State::Watching } else { self.state };
         let lasted =
-            now_us.saturating_sub(self.state_us) >= if good { 3_000_000 } else { 1_000_000 };
+            now_us.saturating_sub(self.sight_us) >= if good { 3_000_000 } else { 1_000_000 };
         let quiet = good || bad_us.is_none_or(|last| now_us.saturating_sub(last) >= 10_000_000);
-        if self.state == told || !lasted || !quiet || !self.parameters.is_on(Parameter::Text) {
+        if state == announced || !lasted || !quiet || !self.parameters.is_on(Parameter::Text) {
             return;
         }
-        let blind = match self.state {
+        let blind = match state {
             status::State::Blind(reasons) => reasons,
             _ => messages::Blind::NO,
         };
-        let words = messages::text::sight(self.state == status::State::Stalled, blind);
+        let words = messages::text::sight(state == status::State::Stalled, blind);
         self.say(Destination::All, self.config.component_id, true, &words);
-        self.told = (self.state, if good { bad_us } else { Some(now_us) });
+        self.sight_announced = (state, if good { bad_us } else { Some(now_us) });
     }
+}
+
+/// Whether frames come and show something.
+fn sees(state: status::State) -> bool {
+    matches!(state, status::State::Watching | status::State::NoAutopilot)
 }

@@ -1,6 +1,7 @@
 //! Aircraft on the map: ADSB_VEHICLE, and COLLISION, which colours them.
 //!
-//! Synthetic traffic: the ids lie below 0x004000, where no real aircraft has its own and MAVProxy draws a drone. Nothing
+//! Synthetic traffic: an object that is taken for a drone has an id below 0x004000, where no real aircraft has its own
+//! and MAVProxy draws a drone; one that is taken for an aircraft has an id in a block that ICAO gave to no state. Nothing
 //! is sent without a range, since both messages speak of places.
 
 use super::{Vehicle, angle};
@@ -13,25 +14,100 @@ use core::fmt::Write;
 use fixed::types::I16F16;
 use mavlink_core::types::CharArray;
 
-/// The first of the synthetic ids; those below 256 could be system ids.
-pub const FIRST_ID: u32 = 0x000100;
-/// The last of them.
-pub const LAST_ID: u32 = 0x003FFF;
+/// First id of objects that are taken for drones; those below 256 could be system ids.
+pub const FIRST_DRONE: u32 = 0x000100;
+/// First id of objects that are taken for aircraft: ICAO Annex 10 Volume III table 9-1 leaves 0xDxxxxx unassigned, and
+/// ArduPlane's rule takes ids up to 0x00BFFF for drones and 0xB0xxxx for weather and birds.
+pub const FIRST_AIRCRAFT: u32 = 0xD00000;
+/// Ids of one lookout; those of another component on the same vehicle begin after them.
+pub const IDS: u32 = 63;
 
 /// Degrees times 10^7 in a millimetre of the equator, Q32: 10^7 * 2^32 / (pi / 180 * 6 378 137 000).
 const DEGREES_E7_A_MM: i64 = 385_823_477;
 
-/// The id of a track on the map; the same for as long as the track lives.
-pub fn address(track: u16) -> u32 {
-    FIRST_ID + u32::from(track.wrapping_sub(1)) % (LAST_ID + 1 - FIRST_ID)
+/// What objects are taken for, since the detector has one class for all of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Assume {
+    /// Drones: emitter type UAV (14), ids in the low band. ArduPlane's avoidance keeps 50 m from them.
+    #[default]
+    Drone,
+    /// Aircraft with people in them: emitter type LIGHT (1), ids outside the bands of drones, weather and birds.
+    /// ArduPlane's avoidance keeps its large margins from them.
+    Aircraft,
 }
 
-/// The name of a track on the map: `VIS0001`.
-pub fn callsign(track: u16) -> heapless::String<8> {
-    let mut name = heapless::String::new();
-    // Seven letters have room in eight.
-    let _ = write!(name, "VIS{:04}", track % 10_000);
-    name
+/// Name of an aircraft: up to 8 letters and digits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Callsign([u8; 8]);
+
+impl Callsign {
+    /// The name of track number `track` of a lookout with this component id: `VIS0001` for the default component 196,
+    /// `VC50001` for 197 (0xC5).
+    pub fn of_track(component: u8, track: u16) -> Self {
+        let mut name = heapless::String::<8>::new();
+        let number = track % 10_000;
+        // Seven letters have room in eight.
+        let _ = match component {
+            196 => write!(name, "VIS{number:04}"),
+            _ => write!(name, "V{component:02X}{number:04}"),
+        };
+        Self::new(name.as_bytes()).unwrap_or_default()
+    }
+
+    /// A name from its letters, up to a NUL or space; `None` for one that is empty, longer than 8, or holds other bytes than
+    /// printable ASCII.
+    pub fn new(letters: &[u8]) -> Option<Self> {
+        let end = letters.iter().position(|&c| c == 0 || c == b' ').unwrap_or(letters.len());
+        let letters = &letters[..end];
+        if letters.is_empty() || letters.len() > 8 || !letters.iter().all(u8::is_ascii_graphic) {
+            return None;
+        }
+        let mut name = [0; 8];
+        name[..letters.len()].copy_from_slice(letters);
+        Some(Self(name))
+    }
+
+    /// Its letters.
+    pub fn as_str(&self) -> &str {
+        let end = self.0.iter().position(|&c| c == 0).unwrap_or(self.0.len());
+        core::str::from_utf8(&self.0[..end]).unwrap_or_default()
+    }
+}
+
+impl core::fmt::Display for Callsign {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// How an object is named on the map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Identity {
+    /// ICAO address, 24 bits: its key for every receiver.
+    pub address: u32,
+    /// Its name.
+    pub callsign: Callsign,
+    /// What it is taken for.
+    pub assume: Assume,
+}
+
+impl Identity {
+    /// The identity of an object by its slot (0 to [`IDS`] - 1) among those of a lookout of this component id.
+    pub fn new(component: u8, slot: u32, callsign: Callsign, assume: Assume) -> Self {
+        let first = match assume {
+            Assume::Drone => FIRST_DRONE,
+            Assume::Aircraft => FIRST_AIRCRAFT,
+        };
+        let address = first + u32::from(component) * IDS + slot % IDS;
+        Self { address, callsign, assume }
+    }
+
+    /// Whether an address is in the bands of [`Identity::new`]: a lookout's own, or that of another one.
+    pub fn is_synthetic(address: u32) -> bool {
+        let ids = 256 * IDS;
+        (FIRST_DRONE..FIRST_DRONE + ids).contains(&address)
+            || (FIRST_AIRCRAFT..FIRST_AIRCRAFT + ids).contains(&address)
+    }
 }
 
 /// Metres in Q16 along north, east, down (or body axes), of a direction and a distance.
@@ -43,6 +119,11 @@ pub(super) fn offset_q16(
     [direction.x, direction.y, direction.z].map(|d| (range * i64::from(d.to_bits())) >> 30)
 }
 
+/// Millimetres along a meridian of `degrees_e7`, a difference of latitude in degrees times 10^7.
+pub(crate) fn millimetres(degrees_e7: i64) -> i64 {
+    ((degrees_e7 << 32) / DEGREES_E7_A_MM).clamp(-i64::from(i32::MAX), i64::from(i32::MAX))
+}
+
 /// Length of a vector of two, in its own unit.
 fn length(a: i64, b: i64) -> u64 {
     (a.unsigned_abs().pow(2) + b.unsigned_abs().pow(2)).isqrt()
@@ -50,7 +131,12 @@ fn length(a: i64, b: i64) -> u64 {
 
 /// ADSB_VEHICLE (246) of an object last seen `seconds` ago. `None` unless it is confirmed, its distance and direction in
 /// the world are known, and its place is on the map.
-pub fn vehicle(traffic: &Traffic, own: &Vehicle, seconds: u8) -> Option<ADSB_VEHICLE_DATA> {
+pub fn vehicle(
+    traffic: &Traffic,
+    own: &Vehicle,
+    identity: &Identity,
+    seconds: u8,
+) -> Option<ADSB_VEHICLE_DATA> {
     let range = traffic.range.filter(|range| traffic.confirmed && range.value > 0)?;
     let [north, east, down] =
         offset_q16(&traffic.ned?, range.value).map(|metres| (metres * 1000) >> 16);
@@ -65,7 +151,7 @@ pub fn vehicle(traffic: &Traffic, own: &Vehicle, seconds: u8) -> Option<ADSB_VEH
     let longitude = (longitude + turn / 2).rem_euclid(turn) - turn / 2;
 
     let mut data = ADSB_VEHICLE_DATA {
-        ICAO_address: address(traffic.id),
+        ICAO_address: identity.address,
         lat: latitude as i32,
         lon: longitude as i32,
         altitude: (i64::from(own.altitude) - down).clamp(i32::MIN.into(), i32::MAX.into()) as i32,
@@ -77,8 +163,11 @@ pub fn vehicle(traffic: &Traffic, own: &Vehicle, seconds: u8) -> Option<ADSB_VEH
             | AdsbFlags::ADSB_FLAGS_VALID_CALLSIGN,
         squawk: 0,
         altitude_type: AdsbAltitudeType::ADSB_ALTITUDE_TYPE_GEOMETRIC,
-        callsign: CharArray::from(callsign(traffic.id).as_str()),
-        emitter_type: AdsbEmitterType::ADSB_EMITTER_TYPE_NO_INFO,
+        callsign: CharArray::from(identity.callsign.as_str()),
+        emitter_type: match identity.assume {
+            Assume::Drone => AdsbEmitterType::ADSB_EMITTER_TYPE_UAV,
+            Assume::Aircraft => AdsbEmitterType::ADSB_EMITTER_TYPE_LIGHT,
+        },
         tslc: seconds,
     };
     if let Some(relative) = traffic.velocity {
@@ -99,7 +188,7 @@ pub fn vehicle(traffic: &Traffic, own: &Vehicle, seconds: u8) -> Option<ADSB_VEH
 
 /// COLLISION (247) of an object on the map, its threat by its level. What is not known is NaN. `None` under the same
 /// conditions as [`vehicle`], but for our own place.
-pub fn collision(traffic: &Traffic) -> Option<COLLISION_DATA> {
+pub fn collision(traffic: &Traffic, identity: &Identity) -> Option<COLLISION_DATA> {
     let range = traffic.range.filter(|range| traffic.confirmed && range.value > 0)?;
     let ned = traffic.ned?;
     let mut altitude = f32::NAN;
@@ -116,7 +205,7 @@ pub fn collision(traffic: &Traffic) -> Option<COLLISION_DATA> {
         horizontal = metres(length(at[0], at[1]));
     }
     Some(COLLISION_DATA {
-        id: address(traffic.id),
+        id: identity.address,
         time_to_minimum_delta: traffic.time_to_contact.map_or(f32::NAN, |t| t.value.to_num()),
         altitude_minimum_delta: altitude,
         horizontal_minimum_delta: horizontal,
@@ -140,13 +229,67 @@ mod tests {
     use crate::tracking::traffic::Estimate;
     use proptest::prelude::*;
 
+    fn identity(track: u16) -> Identity {
+        Identity::new(196, track.into(), Callsign::of_track(196, track), Assume::Drone)
+    }
+
+    fn vehicle(traffic: &Traffic, own: &Vehicle, seconds: u8) -> Option<ADSB_VEHICLE_DATA> {
+        super::vehicle(traffic, own, &identity(traffic.id), seconds)
+    }
+
+    fn collision(traffic: &Traffic) -> Option<COLLISION_DATA> {
+        super::collision(traffic, &identity(traffic.id))
+    }
+
     #[test]
-    fn ids_are_stable_and_in_their_band() {
-        assert_eq!(address(1), FIRST_ID);
-        assert_eq!(callsign(1), "VIS0001");
-        for track in 0..=u16::MAX {
-            assert!((FIRST_ID..=LAST_ID).contains(&address(track)));
-            assert_ne!(address(track), address(track.wrapping_add(1)));
+    fn ids_and_names_of_two_lookouts_differ() {
+        let mut seen = std::collections::BTreeSet::new();
+        let mut names = std::collections::BTreeSet::new();
+        for component in 1..=u8::MAX {
+            for slot in 0..IDS {
+                for assume in [Assume::Drone, Assume::Aircraft] {
+                    let callsign = Callsign::of_track(component, slot as u16);
+                    let identity = Identity::new(component, slot, callsign, assume);
+                    assert!(seen.insert(identity.address), "{component} {slot}");
+                    assert!(Identity::is_synthetic(identity.address));
+                    // MAVProxy draws a drone up to 0x3FFF; ArduPlane's rule ends at 0xBFFF.
+                    match assume {
+                        Assume::Drone => assert!((0x100..=0x3FFF).contains(&identity.address)),
+                        Assume::Aircraft => {
+                            assert!((0xD00000..=0xD03FFF).contains(&identity.address));
+                        }
+                    }
+                }
+                assert!(
+                    names.insert(std::format!("{}", Callsign::of_track(component, slot as u16)))
+                );
+            }
+        }
+        assert_eq!(Callsign::of_track(196, 1).as_str(), "VIS0001");
+        assert_eq!(Callsign::of_track(197, 1).as_str(), "VC50001");
+        assert!(!Identity::is_synthetic(0x4B1A2C) && !Identity::is_synthetic(0));
+    }
+
+    #[test]
+    fn callsigns_from_messages() {
+        for (letters, name) in [
+            (&b"SWR12\0\0\0\0"[..], Some("SWR12")),
+            (b"HBABC   \0", Some("HBABC")),
+            (b"ABCDEFGH\0", Some("ABCDEFGH")),
+            (b"ABCDEFGHI", None),
+            (b"\0ABC", None),
+            (b"A\xffB", None),
+        ] {
+            assert_eq!(Callsign::new(letters).map(|c| std::format!("{c}")).as_deref(), name);
+        }
+    }
+
+    #[test]
+    fn the_emitter_is_what_objects_are_taken_for() {
+        for (assume, emitter) in [(Assume::Drone, 14), (Assume::Aircraft, 1)] {
+            let identity = Identity { assume, ..identity(1) };
+            let data = super::vehicle(&traffic(1), &own(), &identity, 0).unwrap();
+            assert_eq!(data.emitter_type as u8, emitter);
         }
     }
 
@@ -163,7 +306,7 @@ mod tests {
         assert_eq!(data.altitude, 500_000);
         // Own velocity 10 m/s north; relative 20 m/s south, 1 m/s up.
         assert_eq!((data.heading, data.hor_velocity, data.ver_velocity), (18_000, 1000, 100));
-        assert_eq!(data.ICAO_address, 0x106);
+        assert_eq!(data.ICAO_address, 0x100 + 196 * 63 + 7);
         assert_eq!(data.callsign.to_str(), Ok("VIS0007"));
         assert_eq!(data.flags.bits(), 1 + 2 + 4 + 8 + 16 + 128);
         assert_eq!(data.altitude_type, AdsbAltitudeType::ADSB_ALTITUDE_TYPE_GEOMETRIC);
@@ -196,7 +339,7 @@ mod tests {
         assert!((data.altitude_minimum_delta - 10.0).abs() < 0.01);
         assert_eq!(data.time_to_minimum_delta, 10.0);
         assert_eq!(data.threat_level as u8, 2);
-        assert_eq!((data.src as u8, data.id), (0, address(2)));
+        assert_eq!((data.src as u8, data.id), (0, identity(2).address));
     }
 
     proptest! {

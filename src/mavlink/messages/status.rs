@@ -11,6 +11,22 @@ use crate::tracking::traffic::Traffic;
 use fixed::types::I16F16;
 use mavlink_core::types::CharArray;
 
+/// MAV_TYPE of the lookout's heartbeat.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum HeartbeatType {
+    /// MAV_TYPE_ONBOARD_CONTROLLER (18).
+    #[default]
+    OnboardController,
+    /// MAV_TYPE_ADSB (27): PX4's check for a traffic receiver (COM_ARM_TRAFF, COM_TRAFF_AVOID) then takes the lookout for
+    /// one, which sees no traffic beyond the camera's view.
+    Adsb,
+    /// MAV_TYPE_FLARM (32): likewise.
+    Flarm,
+}
+
+/// Bit of the heartbeat's custom_mode while the autopilot that was served is gone; lower bits are those of [`Blind`].
+pub const NO_AUTOPILOT_BIT: u32 = 16;
+
 /// How the lookout is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum State {
@@ -23,6 +39,8 @@ pub enum State {
     Blind(Blind),
     /// No frame was finished of late.
     Stalled,
+    /// Frames show something, but the autopilot that was served is gone: nothing has a place on the map.
+    NoAutopilot,
 }
 
 impl State {
@@ -32,20 +50,25 @@ impl State {
         match self {
             Self::Starting => MavState::MAV_STATE_BOOT,
             Self::Watching => MavState::MAV_STATE_ACTIVE,
-            Self::Blind(_) | Self::Stalled => MavState::MAV_STATE_CRITICAL,
+            Self::Blind(_) | Self::Stalled | Self::NoAutopilot => MavState::MAV_STATE_CRITICAL,
         }
     }
 }
 
-/// HEARTBEAT (0) of the lookout; custom_mode holds the bits of [`Blind`].
-pub fn heartbeat(state: State) -> HEARTBEAT_DATA {
+/// HEARTBEAT (0) of the lookout; custom_mode holds the bits of [`Blind`] and [`NO_AUTOPILOT_BIT`].
+pub fn heartbeat(state: State, kind: HeartbeatType) -> HEARTBEAT_DATA {
     let custom_mode = match state {
         State::Blind(reasons) => reasons.bits().into(),
+        State::NoAutopilot => NO_AUTOPILOT_BIT,
         _ => 0,
     };
     HEARTBEAT_DATA {
         custom_mode,
-        mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+        mavtype: match kind {
+            HeartbeatType::OnboardController => MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+            HeartbeatType::Adsb => MavType::MAV_TYPE_ADSB,
+            HeartbeatType::Flarm => MavType::MAV_TYPE_FLARM,
+        },
         autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
         base_mode: MavModeFlag::empty(),
         system_status: state.status(),
@@ -55,7 +78,8 @@ pub fn heartbeat(state: State) -> HEARTBEAT_DATA {
 
 /// HEARTBEAT (0) of the camera component.
 pub fn camera_heartbeat(state: State) -> HEARTBEAT_DATA {
-    HEARTBEAT_DATA { mavtype: MavType::MAV_TYPE_CAMERA, ..heartbeat(state) }
+    let heartbeat = heartbeat(state, HeartbeatType::default());
+    HEARTBEAT_DATA { mavtype: MavType::MAV_TYPE_CAMERA, ..heartbeat }
 }
 
 /// NAMED_VALUE_FLOAT (251), five of them: `LK_FPS` frames a second, `LK_DROP` frames left out since the start, `LK_DELAY`
@@ -222,14 +246,21 @@ mod tests {
 
     #[test]
     fn active_only_while_it_sees() {
+        let heartbeat = |state| super::heartbeat(state, HeartbeatType::default());
         let data = heartbeat(State::Watching);
         assert_eq!((data.mavtype as u8, data.autopilot as u8, data.base_mode.bits()), (18, 8, 0));
         assert_eq!(data.system_status as u8, 4);
-        for state in [State::Starting, State::Stalled, State::Blind(Blind::DARK)] {
+        let others =
+            [State::Starting, State::Stalled, State::NoAutopilot, State::Blind(Blind::DARK)];
+        for state in others {
             assert_ne!(heartbeat(state).system_status as u8, 4);
         }
         assert_eq!(heartbeat(State::Blind(Blind::DARK.and(Blind::BLUR))).custom_mode, 5);
+        assert_eq!(heartbeat(State::NoAutopilot).custom_mode, 16);
         assert_eq!(camera_heartbeat(State::Watching).mavtype as u8, 30);
+        let kinds = [HeartbeatType::Adsb, HeartbeatType::Flarm];
+        let numbers = kinds.map(|kind| super::heartbeat(State::Watching, kind).mavtype as u8);
+        assert_eq!(numbers, [27, 32]);
     }
 
     #[test]

@@ -3,7 +3,8 @@
 //! A text says who, where as a clock position, how far, and how soon: `WARNING VIS0003: 2 o'clock high, 240 m, in 8 s`.
 //! Every text costs attention, so an aircraft gets a new one only when it has become more urgent.
 
-use super::{Blind, adsb, angle};
+use super::adsb::Callsign;
+use super::{Blind, angle};
 use crate::mavlink::dialect::{MavSeverity, STATUSTEXT_DATA};
 use crate::tracking::traffic::{Level, Traffic};
 use core::fmt::Write;
@@ -22,8 +23,8 @@ fn text(severity: MavSeverity, words: &str) -> STATUSTEXT_DATA {
     STATUSTEXT_DATA { severity, text: CharArray::from(words), id: 0, chunk_seq: 0 }
 }
 
-/// The text about an object; `None` for an object not worth one.
-pub fn about(traffic: &Traffic) -> Option<STATUSTEXT_DATA> {
+/// The text about an object of this name; `None` for an object not worth one.
+pub fn about(traffic: &Traffic, callsign: Callsign) -> Option<STATUSTEXT_DATA> {
     let (severity, word) = match traffic.level {
         Level::None => return None,
         Level::Traffic => (MavSeverity::MAV_SEVERITY_INFO, "Traffic"),
@@ -32,7 +33,7 @@ pub fn about(traffic: &Traffic) -> Option<STATUSTEXT_DATA> {
         Level::Warning => (MavSeverity::MAV_SEVERITY_CRITICAL, "WARNING"),
     };
     let mut words = heapless::String::<LENGTH>::new();
-    let _ = write!(words, "{word} {}: {}", adsb::callsign(traffic.id), Place(traffic));
+    let _ = write!(words, "{word} {callsign}: {}", Place(traffic));
     Some(text(severity, &words))
 }
 
@@ -91,6 +92,42 @@ pub fn sight(stalled: bool, blind: Blind) -> STATUSTEXT_DATA {
     text(severity, words)
 }
 
+/// A change of the autopilot that is served.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AutopilotNews {
+    /// Nothing is heard of it any more.
+    Lost,
+    /// It is heard again.
+    Returned,
+    /// It started anew: its time since boot fell.
+    Restarted,
+    /// That of another system is served now.
+    Other(u8),
+}
+
+/// The text about the autopilot.
+pub fn autopilot(news: AutopilotNews) -> STATUSTEXT_DATA {
+    let mut words = heapless::String::<LENGTH>::new();
+    let (severity, written) = match news {
+        AutopilotNews::Lost => (
+            MavSeverity::MAV_SEVERITY_ERROR,
+            words.write_str("Lookout: autopilot lost, no traffic on the map"),
+        ),
+        AutopilotNews::Returned => {
+            (MavSeverity::MAV_SEVERITY_INFO, words.write_str("Lookout: autopilot is back"))
+        }
+        AutopilotNews::Restarted => {
+            (MavSeverity::MAV_SEVERITY_INFO, words.write_str("Lookout: autopilot restarted"))
+        }
+        AutopilotNews::Other(system) => (
+            MavSeverity::MAV_SEVERITY_WARNING,
+            write!(words, "Lookout: serves system {system} now"),
+        ),
+    };
+    debug_assert!(written.is_ok());
+    text(severity, &words)
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Told {
     track: u16,
@@ -114,6 +151,7 @@ impl Alerts {
     pub fn due(
         &mut self,
         traffic: &Traffic,
+        callsign: Callsign,
         now_us: i64,
         interval_us: i64,
     ) -> Option<STATUSTEXT_DATA> {
@@ -137,7 +175,7 @@ impl Alerts {
             }
             self.traffic_us = Some(now_us);
         }
-        let words = about(traffic)?;
+        let words = about(traffic, callsign)?;
         let told = Told { track: traffic.id, level: traffic.level, time_us: now_us };
         match at {
             Some(at) => self.told[at] = told,
@@ -166,8 +204,16 @@ mod tests {
     use fixed::types::I16F16;
     use proptest::prelude::*;
 
+    fn name(traffic: &Traffic) -> Callsign {
+        Callsign::of_track(196, traffic.id)
+    }
+
+    fn due(alerts: &mut Alerts, traffic: &Traffic, now_us: i64) -> bool {
+        alerts.due(traffic, name(traffic), now_us, 60_000_000).is_some()
+    }
+
     fn words(traffic: &Traffic) -> std::string::String {
-        about(traffic).unwrap().text.to_str().unwrap().into()
+        about(traffic, name(traffic)).unwrap().text.to_str().unwrap().into()
     }
 
     #[test]
@@ -189,7 +235,7 @@ mod tests {
             ..traffic(3)
         };
         assert_eq!(words(&near), "WARNING VIS0003: 10 o'clock low, 240 m, in 8 s");
-        assert_eq!(about(&near).unwrap().severity as u8, 2);
+        assert_eq!(about(&near, name(&near)).unwrap().severity as u8, 2);
         let ahead = Traffic {
             level: Level::Caution,
             range: None,
@@ -225,31 +271,40 @@ mod tests {
         ];
         for (second, level) in levels.into_iter().enumerate() {
             let now = second as i64 * 1_000_000;
-            if alerts.due(&Traffic { level, ..traffic(1) }, now, 60_000_000).is_some() {
+            if due(&mut alerts, &Traffic { level, ..traffic(1) }, now) {
                 told.push(level);
             }
         }
         assert_eq!(told, [Level::Traffic, Level::Caution, Level::Warning]);
         // Calm for a minute, then dangerous again: that is news.
-        assert!(alerts.due(&traffic(1), 66_000_000, 60_000_000).is_none());
+        assert!(!due(&mut alerts, &traffic(1), 66_000_000));
         let again = Traffic { level: Level::Warning, ..traffic(1) };
-        assert!(alerts.due(&again, 67_000_000, 60_000_000).is_some());
-        assert!(alerts.due(&Traffic { confirmed: false, ..traffic(2) }, 0, 1).is_none());
+        assert!(due(&mut alerts, &again, 67_000_000));
+        assert!(!due(&mut alerts, &Traffic { confirmed: false, ..traffic(2) }, 0));
     }
 
     #[test]
     fn a_flock_is_told_slowly_a_warning_at_once() {
         let mut alerts = Alerts::default();
         let count = |alerts: &mut Alerts, level, now| {
-            (0..16)
-                .filter(|&id| {
-                    alerts.due(&Traffic { level, ..traffic(id) }, now, 60_000_000).is_some()
-                })
-                .count()
+            (0..16).filter(|&id| due(alerts, &Traffic { level, ..traffic(id) }, now)).count()
         };
         assert_eq!(count(&mut alerts, Level::Traffic, 0), 1);
         assert_eq!(count(&mut alerts, Level::Traffic, 1_000_000), 1);
         assert_eq!(count(&mut alerts, Level::Warning, 1_100_000), 16);
+    }
+
+    #[test]
+    fn news_of_the_autopilot_fit() {
+        for (news, words) in [
+            (AutopilotNews::Lost, "Lookout: autopilot lost, no traffic on the map"),
+            (AutopilotNews::Returned, "Lookout: autopilot is back"),
+            (AutopilotNews::Restarted, "Lookout: autopilot restarted"),
+            (AutopilotNews::Other(255), "Lookout: serves system 255 now"),
+        ] {
+            assert_eq!(autopilot(news).text.to_str(), Ok(words));
+        }
+        assert_eq!(autopilot(AutopilotNews::Lost).severity as u8, 3);
     }
 
     proptest! {
@@ -257,10 +312,10 @@ mod tests {
         fn any_traffic_fits(objects in prop::collection::vec((any_traffic(), any::<i64>()), 0..80)) {
             let mut alerts = Alerts::default();
             for (object, now) in &objects {
-                if let Some(data) = about(object) {
+                if let Some(data) = about(object, name(object)) {
                     prop_assert!(data.text.to_str().unwrap().len() > 20);
                 }
-                alerts.due(object, *now, 60_000_000);
+                due(&mut alerts, object, *now);
             }
         }
     }

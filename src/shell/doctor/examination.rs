@@ -5,6 +5,7 @@ use super::finding::{good, note};
 use super::parameters::{self, Check, Purpose};
 use super::probe::Probe;
 use super::timing::{Rate, Sync};
+use crate::mavlink::component::is_vehicle;
 use crate::mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage,
     MavModeFlag, MavState, MavType, PARAM_REQUEST_READ_DATA,
@@ -151,7 +152,7 @@ impl Examination {
     }
 
     fn heartbeat(&mut self, from: (u32, u8), data: HEARTBEAT_DATA) {
-        let is_autopilot = data.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID;
+        let is_autopilot = is_vehicle(data.mavtype as u8, data.autopilot as u8, from.1);
         match (&mut self.autopilot, u8::try_from(from.0)) {
             (Some(known), _) if from == (known.system.into(), known.component) => {
                 known.heartbeat = data;
@@ -280,7 +281,8 @@ impl Examination {
         let name = if quaternion >= angles { "ATTITUDE_QUATERNION" } else { "ATTITUDE" };
         let text = format!("attitude: {name} comes {best:.0} times a second");
         Some(match best {
-            best if best >= ATTITUDE_RATE => good(text),
+            // As it is printed.
+            best if best.round() >= ATTITUDE_RATE => good(text),
             best if best > 0.0 => note(format!(
                 "{text}; below {ATTITUDE_RATE} directions are rough while the vehicle turns, raise its rate on this port"
             )),

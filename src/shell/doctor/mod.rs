@@ -13,18 +13,26 @@ pub use examination::{COMPONENT, Examination, Finding, Mark};
 pub use parameters::Purpose;
 
 use super::error::Error;
-use super::link::{LinkSpec, Links};
+use super::link::{self, LinkSpec, Links};
 use super::support::interrupt::{self, Ended};
 use crate::mavlink::component::{Destination, Outgoing};
 use crate::shell::support::print::print_line;
-use std::format;
 use std::string::{String, ToString};
 use std::time::{Duration, Instant};
 use std::vec::Vec;
+use std::{format, io};
 
 /// Why the doctor does not find all well.
 #[derive(Debug, thiserror::Error)]
 pub enum DoctorError {
+    /// A link whose port cannot be opened.
+    #[error("{link}: {reason}")]
+    Unopened {
+        /// The link as the user named it.
+        link: String,
+        /// The system's reason and what to do.
+        reason: String,
+    },
     /// A link on which nothing was heard.
     #[error(
         "{link}: nothing was heard in {seconds} s; is the autopilot on, does it send MAVLink to this port, is the \
@@ -53,7 +61,7 @@ impl From<DoctorError> for Error {
 /// Longest wait for a frame.
 const WAIT: Duration = Duration::from_millis(10);
 
-/// What `lookout doctor` can be told.
+/// Command-line arguments of `lookout doctor`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DoctorArgs {
     /// Link to examine: udpin:HOST:PORT, udpout:.., tcpin:.., tcpout:HOST:PORT or serial:DEVICE:BAUD; may be repeated
@@ -62,18 +70,18 @@ pub struct DoctorArgs {
     /// How long to listen
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=600))]
     seconds: u32,
-    /// Messages that the autopilot is to heed; what is missing for the others is told, but no fault
+    /// Messages that the autopilot must accept; missing settings for other messages are reported, but are no fault
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',', default_value = "traffic")]
     messages: Vec<Purpose>,
-    /// Tell the autopilot of an obstacle 12 m ahead and see whether it comes back; not to an armed vehicle
+    /// Send the autopilot an obstacle 12 m ahead and check that it comes back; not to an armed vehicle
     #[arg(long)]
     probe: bool,
 }
 
-/// Examines the links and tells what was found.
+/// Examines the links and prints what was found.
 ///
 /// # Errors
-/// [`DoctorError::Silent`] where nothing was heard, [`DoctorError::Missing`] where something is missing, [`FileError::Write`].
+/// [`DoctorError`] where a port cannot be opened, nothing was heard or something is missing, [`FileError::Write`].
 pub fn run(args: &DoctorArgs) -> Result<Ended, Error> {
     interrupt::watch()?;
     let started = Instant::now();
@@ -100,13 +108,44 @@ pub fn run(args: &DoctorArgs) -> Result<Ended, Error> {
             examination.receive(&inbound.frame, now());
         }
     }
-    tell(args, &examinations)
+    let never_open: Vec<bool> =
+        (0..u8::MAX).zip(&args.link).map(|(index, _)| links.status(index).opened == 0).collect();
+    drop(links);
+    let reason = |(spec, never): (&LinkSpec, bool)| {
+        never.then(|| link::try_open(spec).err()).flatten().map(|e| reason_in_words(&e))
+    };
+    let reasons: Vec<Option<String>> = args.link.iter().zip(never_open).map(reason).collect();
+    report(args, &examinations, &reasons)
 }
 
-fn tell(args: &DoctorArgs, examinations: &[Examination]) -> Result<Ended, Error> {
+/// Why a port cannot be opened, and what to do.
+fn reason_in_words(error: &io::Error) -> String {
+    let advice = match error.kind() {
+        io::ErrorKind::PermissionDenied => {
+            "; give this user the port, as by the group dialout (`sudo usermod -aG dialout $USER`, then log in again)"
+        }
+        io::ErrorKind::NotFound => "; is it plugged in? /dev/serial/by-id lists what is there",
+        io::ErrorKind::ConnectionRefused => "; does a program listen there?",
+        io::ErrorKind::AddrInUse => "; another program, or a running lookout, has it",
+        _ => "",
+    };
+    format!("cannot be opened: {error}{advice}")
+}
+
+/// Prints the findings. `reasons`: why a port cannot be opened, link by link.
+fn report(
+    args: &DoctorArgs,
+    examinations: &[Examination],
+    reasons: &[Option<String>],
+) -> Result<Ended, Error> {
     let mut missing = 0;
-    for (link, examination) in args.link.iter().zip(examinations) {
+    for ((link, examination), reason) in args.link.iter().zip(examinations).zip(reasons) {
         print_line(&format!("link {link}, {} s", args.seconds))?;
+        if let Some(reason) = reason {
+            print_line(&format!("  missing  the port {reason}"))?;
+            missing += 1;
+            continue;
+        }
         for Finding { mark, text } in examination.findings() {
             let word = match mark {
                 Mark::Good => "ok",
@@ -120,6 +159,11 @@ fn tell(args: &DoctorArgs, examinations: &[Examination]) -> Result<Ended, Error>
     if interrupt::requested() {
         return Ok(Ended::Interrupted);
     }
+    if let Some((link, reason)) =
+        args.link.iter().zip(reasons).find_map(|(link, reason)| Some((link, reason.clone()?)))
+    {
+        return Err(DoctorError::Unopened { link: link.to_string(), reason }.into());
+    }
     let silent = args.link.iter().zip(examinations).find(|(_, examination)| !examination.heard());
     match (silent, missing) {
         (Some((link, _)), _) => {
@@ -127,5 +171,28 @@ fn tell(args: &DoctorArgs, examinations: &[Examination]) -> Result<Ended, Error>
         }
         (None, 0) => Ok(Ended::Complete),
         (None, missing) => Err(DoctorError::Missing { missing }.into()),
+    }
+}
+
+#[cfg(test)]
+mod reason_tests {
+    use super::*;
+
+    #[test]
+    fn ports_that_cannot_be_opened() {
+        let reason = |spec: &str| {
+            reason_in_words(&link::try_open(&spec.parse().unwrap()).expect_err("it is not there"))
+        };
+        let missing = reason("serial:/dev/nosuch:57600");
+        assert!(missing.contains("No such file") && missing.contains("plugged in"), "{missing}");
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let taken = reason(&format!("tcpin:127.0.0.1:{port}"));
+        assert!(taken.contains("in use") && taken.contains("another program"), "{taken}");
+        drop(listener);
+        let refused = reason(&format!("tcpout:127.0.0.1:{port}"));
+        assert!(refused.contains("refused") && refused.contains("listen"), "{refused}");
+        let denied = reason_in_words(&io::Error::from_raw_os_error(13));
+        assert!(denied.contains("ermission denied") && denied.contains("dialout"), "{denied}");
     }
 }

@@ -39,19 +39,24 @@ pub struct Check {
     pub purpose: Purpose,
     /// Whether every firmware of this kind has it.
     pub always: bool,
-    judge: fn(f64) -> (Mark, &'static str),
+    meaning: fn(f64) -> (Mark, &'static str),
 }
 
 const RESTART: &str =
     "the autopilot takes no traffic from MAVLink; set it to 1 and restart the autopilot";
 
-static ARDUPILOT: [Check; 5] = [
+/// A distance of ArduPlane's detect-and-avoid script, metres.
+const fn script_distance(name: &'static str, meaning: fn(f64) -> (Mark, &'static str)) -> Check {
+    Check { name, old_name: None, purpose: Purpose::Traffic, always: false, meaning }
+}
+
+static ARDUPILOT: [Check; 10] = [
     Check {
         name: "ADSB_TYPE",
         old_name: Some("ADSB_ENABLE"),
         purpose: Purpose::Traffic,
         always: true,
-        judge: |value| match value {
+        meaning: |value| match value {
             0.0 => (Mark::Missing, RESTART),
             _ => (Mark::Good, "the autopilot takes traffic"),
         },
@@ -61,7 +66,7 @@ static ARDUPILOT: [Check; 5] = [
         old_name: None,
         purpose: Purpose::Traffic,
         always: true,
-        judge: |value| match value {
+        meaning: |value| match value {
             0.0 => (
                 Mark::Note,
                 "traffic is shown, the vehicle does not evade; 1 would let it, see AVD_F_ACTION",
@@ -70,11 +75,48 @@ static ARDUPILOT: [Check; 5] = [
         },
     },
     Check {
+        name: "SCR_ENABLE",
+        old_name: None,
+        purpose: Purpose::Traffic,
+        always: false,
+        meaning: |value| match value {
+            0.0 => (
+                Mark::Note,
+                "scripts are off; ArduPlane's detect-and-avoid script needs 1 and a restart",
+            ),
+            _ => (Mark::Good, "scripts are on"),
+        },
+    },
+    script_distance("AVD_WCLR_XY", |_| {
+        (
+            Mark::Good,
+            "the detect-and-avoid script keeps well clear of aircraft by this, metres aside",
+        )
+    }),
+    script_distance("AVD_WCLR_Z", |_| {
+        (
+            Mark::Good,
+            "the detect-and-avoid script keeps well clear of aircraft by this, metres in height",
+        )
+    }),
+    script_distance("AVD_NMAC_XY", |_| {
+        (
+            Mark::Good,
+            "the detect-and-avoid script takes less than this for a near miss, metres aside",
+        )
+    }),
+    script_distance("AVD_NMAC_Z", |_| {
+        (
+            Mark::Good,
+            "the detect-and-avoid script takes less than this for a near miss, metres in height",
+        )
+    }),
+    Check {
         name: "PRX1_TYPE",
         old_name: Some("PRX_TYPE"),
         purpose: Purpose::Proximity,
         always: true,
-        judge: |value| match value {
+        meaning: |value| match value {
             2.0 => (Mark::Good, "proximity comes from MAVLink"),
             0.0 => (
                 Mark::Missing,
@@ -91,7 +133,7 @@ static ARDUPILOT: [Check; 5] = [
         old_name: None,
         purpose: Purpose::Proximity,
         always: false,
-        judge: |value| match value as i64 & 2 {
+        meaning: |value| match value as i64 & 2 {
             0 => (Mark::Missing, "Loiter and AltHold do not heed proximity; add 2 to it"),
             _ => (Mark::Good, "Loiter and AltHold heed proximity"),
         },
@@ -101,20 +143,33 @@ static ARDUPILOT: [Check; 5] = [
         old_name: None,
         purpose: Purpose::Proximity,
         always: false,
-        judge: |value| match value {
+        meaning: |value| match value {
             0.0 => (Mark::Note, "Auto and Guided do not fly round obstacles"),
             _ => (Mark::Good, "Auto and Guided fly round obstacles"),
         },
     },
 ];
 
-static PX4: [Check; 3] = [
+static PX4: [Check; 4] = [
+    Check {
+        name: "COM_TRAFF_AVOID",
+        old_name: Some("COM_ARM_TRAFF"),
+        purpose: Purpose::Traffic,
+        always: false,
+        meaning: |value| match value {
+            0.0 => (Mark::Good, "no traffic receiver is needed to arm"),
+            _ => (
+                Mark::Note,
+                "arming wants the heartbeat of a traffic receiver; heartbeat_type = \"adsb\" makes the lookout's count",
+            ),
+        },
+    },
     Check {
         name: "NAV_TRAFF_AVOID",
         old_name: None,
         purpose: Purpose::Traffic,
         always: true,
-        judge: |value| match value {
+        meaning: |value| match value {
             0.0 => (
                 Mark::Missing,
                 "traffic is ignored; set it to 1 to be warned, to 2 or more to react",
@@ -128,7 +183,7 @@ static PX4: [Check; 3] = [
         old_name: None,
         purpose: Purpose::Proximity,
         always: true,
-        judge: |value| match value {
+        meaning: |value| match value {
             v if v > 0.0 => (
                 Mark::Good,
                 "collision prevention is on; it slows the vehicle towards every side that no sensor sees",
@@ -143,7 +198,7 @@ static PX4: [Check; 3] = [
         old_name: None,
         purpose: Purpose::Proximity,
         always: false,
-        judge: |value| match value {
+        meaning: |value| match value {
             0.0 => (Mark::Note, "the vehicle does not move to a side that no sensor sees"),
             _ => (Mark::Good, "the vehicle may move to a side that no sensor sees"),
         },
@@ -165,8 +220,8 @@ impl Check {
     pub fn find(&self, name: &str, value: Option<f64>, wanted: bool) -> Finding {
         let (mark, text) = match value {
             Some(value) => {
-                let (mark, meaning) = (self.judge)(value);
-                (mark, format!("{name} is {value}: {meaning}"))
+                let (mark, meaning) = (self.meaning)(value);
+                (mark, format!("{name} is {}: {meaning}", shortest(value)))
             }
             None if self.always => (
                 Mark::Missing,
@@ -186,6 +241,12 @@ impl Check {
         };
         Finding { mark, text }
     }
+}
+
+/// A value in the fewest digits that give the same `f32`, as it was on the wire.
+fn shortest(value: f64) -> String {
+    let single = value as f32;
+    if f64::from(single) == value { format!("{single}") } else { format!("{value}") }
 }
 
 /// The value of PARAM_VALUE: ArduPilot casts whole numbers to the float on the wire, PX4 puts their bytes there.
@@ -224,6 +285,14 @@ mod tests {
             (ardupilot, "ADSB_TYPE", 0.0, Mark::Missing),
             (ardupilot, "ADSB_TYPE", 1.0, Mark::Good),
             (ardupilot, "AVD_ENABLE", 0.0, Mark::Note),
+            (ardupilot, "SCR_ENABLE", 0.0, Mark::Note),
+            (ardupilot, "SCR_ENABLE", 1.0, Mark::Good),
+            (ardupilot, "AVD_WCLR_XY", 609.6, Mark::Good),
+            (ardupilot, "AVD_WCLR_Z", 76.2, Mark::Good),
+            (ardupilot, "AVD_NMAC_XY", 152.4, Mark::Good),
+            (ardupilot, "AVD_NMAC_Z", 30.48, Mark::Good),
+            (px4, "COM_TRAFF_AVOID", 0.0, Mark::Good),
+            (px4, "COM_TRAFF_AVOID", 1.0, Mark::Note),
             (ardupilot, "PRX1_TYPE", 2.0, Mark::Good),
             (ardupilot, "PRX1_TYPE", 4.0, Mark::Missing),
             (ardupilot, "AVOID_ENABLE", 5.0, Mark::Missing),

@@ -32,6 +32,11 @@ impl Autopilot {
             parameters: [
                 ("ADSB_TYPE", (1.0, INT)),
                 ("AVD_ENABLE", (1.0, INT)),
+                ("SCR_ENABLE", (1.0, INT)),
+                ("AVD_WCLR_XY", (609.6, MavParamType::MAV_PARAM_TYPE_REAL32)),
+                ("AVD_WCLR_Z", (76.2, MavParamType::MAV_PARAM_TYPE_REAL32)),
+                ("AVD_NMAC_XY", (152.4, MavParamType::MAV_PARAM_TYPE_REAL32)),
+                ("AVD_NMAC_Z", (30.48, MavParamType::MAV_PARAM_TYPE_REAL32)),
                 ("PRX1_TYPE", (2.0, INT)),
                 ("AVOID_ENABLE", (7.0, INT)),
                 ("OA_TYPE", (0.0, INT)),
@@ -164,7 +169,7 @@ fn examine(autopilot: &mut Autopilot, purposes: &[Purpose], probe: bool) -> (Vec
             examination.receive(&raw(7, 1, &message), now);
         }
     }
-    assert!(sent < 150, "{sent} messages in six seconds");
+    assert!(sent < 180, "{sent} messages in six seconds");
     (examination.findings(), sent)
 }
 
@@ -194,6 +199,49 @@ fn a_vehicle_that_is_set_up() {
 }
 
 #[test]
+fn a_gimbal_or_station_is_no_autopilot() {
+    let mut examination = Examination::new(&[Purpose::Traffic], false, 0);
+    for (component, mavtype) in [
+        (154, MavType::MAV_TYPE_GIMBAL),
+        (190, MavType::MAV_TYPE_GCS),
+        (156, MavType::MAV_TYPE_ADSB),
+    ] {
+        let autopilot = MavAutopilot::MAV_AUTOPILOT_GENERIC;
+        let heartbeat = HEARTBEAT_DATA { mavtype, autopilot, ..Default::default() };
+        examination.receive(&raw(9, component, &MavMessage::HEARTBEAT(heartbeat)), 0);
+    }
+    let findings = examination.findings();
+    assert_eq!(line(&findings, "no heartbeat of an autopilot").mark, Mark::Missing);
+    let heartbeat = HEARTBEAT_DATA {
+        mavtype: MavType::MAV_TYPE_FIXED_WING,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
+        ..Default::default()
+    };
+    examination.receive(&raw(7, 1, &MavMessage::HEARTBEAT(heartbeat)), 0);
+    assert_eq!(examination.system(), 7);
+}
+
+/// 19.9 attitudes a second are 20: no text calls them less.
+#[test]
+fn a_rate_is_judged_as_it_is_printed() {
+    for (interval_us, mark) in [(50_300, Mark::Good), (52_000, Mark::Note)] {
+        let mut examination = Examination::new(&[], false, 0);
+        let heartbeat = HEARTBEAT_DATA {
+            mavtype: MavType::MAV_TYPE_QUADROTOR,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
+            ..Default::default()
+        };
+        examination.receive(&raw(7, 1, &MavMessage::HEARTBEAT(heartbeat)), 0);
+        for i in 0..100 {
+            let attitude = MavMessage::ATTITUDE_QUATERNION(Default::default());
+            examination.receive(&raw(7, 1, &attitude), i * interval_us);
+        }
+        let findings = examination.findings();
+        assert_eq!(line(&findings, "attitude").mark, mark, "{findings:#?}");
+    }
+}
+
+#[test]
 fn what_is_off_is_named() {
     let mut autopilot = Autopilot::ardupilot();
     autopilot.parameters.insert("ADSB_TYPE", (0.0, INT));
@@ -220,8 +268,8 @@ fn older_names_are_tried() {
     autopilot.parameters.insert("PRX_TYPE", value);
     let (findings, _) = examine(&mut autopilot, &[Purpose::Proximity], false);
     assert_eq!(line(&findings, "PRX_TYPE is 2").mark, Mark::Good);
-    // An unanswered name is asked for four times, the other five once.
-    assert_eq!(autopilot.asked, 2 * 4 + 5);
+    // An unanswered name is asked for four times, the others once.
+    assert_eq!(autopilot.asked, 2 * 4 + 10);
 }
 
 #[test]

@@ -5,7 +5,8 @@
 //! of the link in the two lowest bits of the time, so a time is true to 4 microseconds.
 //!
 //! A log may be damaged: a cut end, holes, other bytes between. A record counts where a checksum holds, in search of
-//! the next one every byte is tried.
+//! the next one every byte is tried. Times in another byte order or unit are refused; a clock that was set while the log
+//! was written is the matter of [`super::timeline`].
 
 use crate::mavlink::dialect::{Frames, MavMessage};
 use mavlink_core::consts::{self, MAX_FRAME_SIZE};
@@ -30,8 +31,15 @@ const LONGEST: usize = TIME_SIZE + MAX_FRAME_SIZE;
 const BLOCK: usize = 64 * 1024;
 /// Times from here on are none: the year 2200, microseconds.
 const TIME_END: u64 = 7_258_118_400_000_000;
-/// After a damaged place a time counts only if it is no further than this from the last one: a day, microseconds.
+/// Times of day of a log are later than this: the year 2000, microseconds.
+const TIME_START: u64 = 946_684_800_000_000;
+/// After a damaged place a time counts only if it is no further than this from the last one: a day, microseconds; or if
+/// the record that follows is near.
 const TIME_STEP: u64 = 86_400_000_000;
+/// Records that follow one another are no further apart than this: a minute, microseconds.
+const NEXT_STEP: u64 = 60_000_000;
+/// Records at the start of a log by which the unit of its times is checked.
+const CHECKED: usize = 64;
 
 /// A message and when it was received.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -100,6 +108,58 @@ fn frame_len(bytes: &[u8]) -> Option<usize> {
     (len <= bytes.len() && Frames::has_valid_crc(&raw)).then_some(len)
 }
 
+fn big_endian(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0, |time, &byte| time << 8 | u64::from(byte))
+}
+
+/// Time of the record at the start of `bytes`, if there is one.
+fn next_time(bytes: &[u8]) -> Option<u64> {
+    let (time, frame) = bytes.split_at_checked(TIME_SIZE)?;
+    frame_len(frame).map(|_| big_endian(time)).filter(|&time| time < TIME_END)
+}
+
+/// How the times of the records in `bytes` are written, where it is certain that they are no big-endian microseconds.
+///
+/// A clock that was never set counts from 1970, so that a small number alone says little: in seconds it must also stand
+/// still while dozens of messages pass.
+fn wrong_times(bytes: &[u8]) -> Option<WrongTimes> {
+    let mut times = Vec::new();
+    let mut at = 0;
+    while times.len() < CHECKED
+        && let Some(rest) = bytes.get(at..)
+        && rest.len() >= SHORTEST
+    {
+        let (time, frame) = rest.split_at(TIME_SIZE);
+        match frame_len(frame) {
+            Some(length) => {
+                let reversed = time.iter().rev().fold(0, |t, &byte| t << 8 | u64::from(byte));
+                times.push((big_endian(time), reversed));
+                at += TIME_SIZE + length;
+            }
+            None => at += 1,
+        }
+    }
+    let (first, last) = (times.first()?.0, times.last()?.0);
+    let most = |test: &dyn Fn(u64, u64) -> bool| {
+        times.iter().filter(|(time, reversed)| test(*time, *reversed)).count() * 4 > times.len() * 3
+    };
+    let years = |unit: u64| TIME_START / unit..TIME_END / unit;
+    let in_unit = |unit: u64| most(&|time, _| years(unit).contains(&time));
+    if most(&|time, reversed| !years(1).contains(&time) && years(1).contains(&reversed)) {
+        Some(WrongTimes::LittleEndian)
+    } else if most(&|time, _| {
+        (TIME_START * 1000..=u64::MAX).contains(&time) && time / 1000 < TIME_END
+    }) {
+        Some(WrongTimes::Nanoseconds)
+    } else if in_unit(1000) && last.abs_diff(first) < NEXT_STEP {
+        Some(WrongTimes::Milliseconds)
+    } else if in_unit(1_000_000) && last.abs_diff(first) < times.len() as u64 {
+        Some(WrongTimes::Seconds)
+    } else {
+        None
+    }
+}
+
 /// Why a log cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum TlogError {
@@ -123,6 +183,28 @@ pub enum TlogError {
         /// Whether it begins with a frame.
         bare: bool,
     },
+    /// The times are not 8 bytes big-endian in microseconds.
+    #[error("{}: the times before the messages are {found}; a telemetry log has microseconds since 1970, 8 bytes big-endian", path.display())]
+    Times {
+        /// The file.
+        path: PathBuf,
+        /// How they are written.
+        found: WrongTimes,
+    },
+}
+
+/// Another way to write times than that of telemetry logs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the words say it")]
+pub enum WrongTimes {
+    #[error("little-endian")]
+    LittleEndian,
+    #[error("in seconds")]
+    Seconds,
+    #[error("in milliseconds")]
+    Milliseconds,
+    #[error("in nanoseconds")]
+    Nanoseconds,
 }
 
 fn advice(bare: bool) -> &'static str {
@@ -196,6 +278,11 @@ impl<R: Read> Reader<R> {
         let mut in_step = true;
         loop {
             self.fill()?;
+            if self.offset == 0
+                && let Some(found) = wrong_times(&self.buffer)
+            {
+                return Err(TlogError::Times { path: self.path.clone(), found });
+            }
             let rest = &self.buffer[self.start..];
             if self.offset == 0 && self.messages == 0 {
                 self.bare = frame_len(rest).is_some();
@@ -217,8 +304,14 @@ impl<R: Read> Reader<R> {
                 self.skipped += 1;
                 continue;
             };
-            let time = time.iter().fold(0, |time, &byte| time << 8 | u64::from(byte));
-            let near = |last: u64| in_step || time.abs_diff(last) <= TIME_STEP;
+            let time = big_endian(time);
+            let record = TIME_SIZE + length;
+            let near = |last: u64| {
+                in_step
+                    || time.abs_diff(last) <= TIME_STEP
+                    || next_time(&rest[record..])
+                        .is_some_and(|next| next.abs_diff(time) <= NEXT_STEP)
+            };
             if time >= TIME_END || !self.last_time.is_none_or(near) {
                 // A frame whose own time is lost.
                 in_step = false;
@@ -244,9 +337,9 @@ impl<R: Read> Reader<R> {
         self.offset += bytes as u64;
     }
 
-    /// Makes sure that the longest record is in the buffer, or all there is.
+    /// Makes sure that two of the longest records are in the buffer, or all there is.
     fn fill(&mut self) -> Result<(), TlogError> {
-        while !self.ended && self.buffer.len() - self.start < LONGEST {
+        while !self.ended && self.buffer.len() - self.start < 2 * LONGEST {
             self.buffer.drain(..self.start);
             self.start = 0;
             let kept = self.buffer.len();

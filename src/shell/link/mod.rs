@@ -50,6 +50,8 @@ pub struct LinkStatus {
     pub connected: bool,
     /// How often it was opened.
     pub opened: u32,
+    /// When the last frame was heard, by [`crate::shell::support::clock::now_us`].
+    pub heard_us: Option<i64>,
     /// Frames given to it.
     pub sent: u32,
     /// Frames left out for its budget.
@@ -69,6 +71,14 @@ struct Link {
     sent: u32,
     capped: u32,
     thread: Option<JoinHandle<()>>,
+}
+
+/// Opens a link once, and closes it again.
+///
+/// # Errors
+/// The system's reason why it cannot be opened: no permission, no such device, connection refused.
+pub fn try_open(spec: &LinkSpec) -> std::io::Result<()> {
+    transport::Transport::open(&spec.address).map(drop)
 }
 
 /// The open links; dropped, their threads end.
@@ -212,6 +222,7 @@ impl Links {
         LinkStatus {
             connected: link.shared.connected.load(Ordering::Relaxed),
             opened: link.shared.opened.load(Ordering::Relaxed),
+            heard_us: Some(link.shared.heard_us.load(Ordering::Relaxed)).filter(|&us| us != 0),
             sent: link.sent,
             capped: link.capped,
             dropped: link.shared.queue.dropped(),

@@ -12,7 +12,7 @@ use crossbeam_channel::Sender;
 use mavlink_core::MavlinkReader;
 use mavlink_core::error::MessageReadError;
 use std::io;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -34,6 +34,8 @@ pub struct Shared {
     pub queue: Queue,
     /// Whether the link is open.
     pub connected: AtomicBool,
+    /// When the last frame was heard; 0: none yet.
+    pub heard_us: AtomicI64,
     /// Frames heard that found no room.
     pub unheard: AtomicU32,
     /// How often the link was opened.
@@ -103,7 +105,9 @@ impl Worker {
                                 .unwrap_or_else(PoisonError::into_inner)
                                 .verify(&frame, signing::clock()),
                         };
-                        let heard = Inbound { link: self.index, time_us: now_us(), trust, frame };
+                        let time_us = now_us();
+                        self.shared.heard_us.store(time_us, Ordering::Relaxed);
+                        let heard = Inbound { link: self.index, time_us, trust, frame };
                         if self.inbound.try_send(heard).is_err() {
                             self.shared.unheard.fetch_add(1, Ordering::Relaxed);
                         }

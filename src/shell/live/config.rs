@@ -1,6 +1,7 @@
 //! The settings of `lookout run`: a TOML file, checked against the table of keys.
 
 use super::keys::{self, KEYS};
+use crate::mavlink::component::FLEET;
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::{CameraArgs, CameraFile};
 use crate::shell::formats::error::FormatError;
@@ -26,6 +27,7 @@ pub struct Config {
     pub links: Vec<Link>,
     pub system_id: Option<u8>,
     pub component_id: u8,
+    pub heartbeat_type: String,
     pub camera_component: Option<u8>,
     pub signing_key: Option<PathBuf>,
     pub parameters: Option<PathBuf>,
@@ -38,10 +40,19 @@ pub struct Config {
     pub record_megabytes: u64,
     pub preview: Option<SocketAddr>,
     pub preview_token: Option<String>,
+    pub traffic: TrafficConfig,
     pub camera: CameraConfig,
     /// The same as text, key by key.
     #[serde(skip)]
     values: Table,
+}
+
+/// The table `traffic`.
+#[allow(missing_docs, reason = "the table of keys documents every one")]
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct TrafficConfig {
+    pub assume: String,
+    pub fleet: Vec<String>,
 }
 
 /// The table `camera`.
@@ -117,6 +128,9 @@ impl Config {
         let mut config: Self =
             values.clone().try_into().map_err(|e: toml::de::Error| whole(e.message()))?;
         config.values = values;
+        if config.traffic.fleet.len() > FLEET {
+            return Err(whole(&format!("traffic.fleet: more than {FLEET} callsigns")).into());
+        }
         if config.preview.is_some_and(|address| !address.ip().is_loopback())
             && config.preview_token.is_none()
         {

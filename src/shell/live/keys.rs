@@ -1,5 +1,6 @@
 //! Every key of the settings: what it means, its unit, default and range, and whether a reload takes it.
 
+use crate::mavlink::messages::adsb::Callsign;
 use crate::shell::link::LinkSpec;
 use crate::shell::simulate::Kind as Flight;
 use clap::ValueEnum;
@@ -85,6 +86,14 @@ pub const KEYS: &[Key] = &[
         default: "196",
         reload: false,
         about: "MAVLink component id: 196 obstacle avoidance, 191 onboard computer.",
+    },
+    Key {
+        name: "heartbeat_type",
+        kind: Kind::Text(heartbeat_type),
+        unit: "onboard_controller, adsb or flarm",
+        default: "\"onboard_controller\"",
+        reload: false,
+        about: "MAV_TYPE of the heartbeat. adsb or flarm satisfy PX4's check for a traffic receiver (COM_ARM_TRAFF, COM_TRAFF_AVOID), though the lookout sees no traffic outside of its camera's view.",
     },
     Key {
         name: "camera_component",
@@ -181,6 +190,22 @@ pub const KEYS: &[Key] = &[
         default: "",
         reload: true,
         about: "Who asks for the page must give this word. Needed where `preview` is not a loopback address.",
+    },
+    Key {
+        name: "traffic.assume",
+        kind: Kind::Text(assume),
+        unit: "drone or aircraft",
+        default: "\"drone\"",
+        reload: false,
+        about: "What objects are taken for in ADSB_VEHICLE: emitter type UAV with an id that ArduPlane's avoidance gives a drone's margin of 50 m, or LIGHT with one that gets an aircraft's.",
+    },
+    Key {
+        name: "traffic.fleet",
+        kind: Kind::Texts(callsign),
+        unit: "callsigns of at most 8 letters and digits, at most 16 of them",
+        default: "[]",
+        reload: false,
+        about: "The own fleet: an object in the direction of an ADSB_VEHICLE with one of these callsigns gets no text, ADSB_VEHICLE or COLLISION.",
     },
     Key {
         name: "camera.width",
@@ -311,6 +336,23 @@ fn source(text: &str) -> Result<(), String> {
 
 fn link(text: &str) -> Result<(), String> {
     text.parse::<LinkSpec>().map(drop).map_err(|error| error.to_string())
+}
+
+fn one_of(text: &str, words: &[&str]) -> Result<(), String> {
+    if words.contains(&text) { Ok(()) } else { Err(String::new()) }
+}
+
+fn heartbeat_type(text: &str) -> Result<(), String> {
+    one_of(text, &["onboard_controller", "adsb", "flarm"])
+}
+
+fn assume(text: &str) -> Result<(), String> {
+    one_of(text, &["drone", "aircraft"])
+}
+
+fn callsign(text: &str) -> Result<(), String> {
+    let name = Callsign::new(text.as_bytes());
+    if name.is_some_and(|name| name.as_str() == text) { Ok(()) } else { Err(String::new()) }
 }
 
 fn address(text: &str) -> Result<(), String> {

@@ -1,6 +1,7 @@
 //! `lookout run`: a live camera and live links, as a service.
 
 pub mod capture;
+pub mod check;
 pub mod config;
 mod events;
 pub mod image_health;
@@ -23,16 +24,17 @@ use super::error::Error;
 use super::support::interrupt::{self, Ended};
 use crate::shell::support::print::print_line;
 use config::Config;
-use std::path::PathBuf;
+use std::eprintln;
+use std::path::{Path, PathBuf};
 use std::string::ToString;
 
-/// What `lookout run` can be told.
+/// Command-line arguments of `lookout run`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RunArgs {
     /// The settings, TOML
     #[arg(long, value_name = "FILE", required_unless_present = "print_config")]
     config: Option<PathBuf>,
-    /// Check the settings, print those in effect with every key explained, and end
+    /// Check the settings and what they name, print those in effect with every key explained, and end
     #[arg(long)]
     print_config: bool,
 }
@@ -45,10 +47,32 @@ pub fn run(args: &RunArgs) -> Result<Ended, Error> {
     let config = args.config.as_deref().map(Config::read).transpose()?;
     let (Some(path), Some(config), false) = (&args.config, &config, args.print_config) else {
         print_line(config::print(config.as_ref()).trim_end())?;
-        return Ok(Ended::Complete);
+        return match (&args.config, &config) {
+            (Some(path), Some(config)) => report_faults(path, config),
+            _ => Ok(Ended::Complete),
+        };
     };
+    if check::does_nothing(config) {
+        tracing::warn!("{}", check::NOTHING);
+    }
     let control = interrupt::watch_service()?;
     let summary = service::run(config.clone(), &|| Config::read(path), &control, &source::open)?;
     print_line(summary.to_string().trim_end())?;
     Ok(Ended::Complete)
+}
+
+/// All faults of what the settings in `path` name, on standard error.
+///
+/// # Errors
+/// [`check::SettingsError`] where `lookout run` would not start.
+fn report_faults(path: &Path, config: &Config) -> Result<Ended, Error> {
+    let faults = check::faults(config);
+    for check::Fault { key, text, starts } in &faults {
+        let word = if *starts { "note" } else { "fault" };
+        eprintln!("{word}: {key}: {text}");
+    }
+    match faults.iter().filter(|fault| !fault.starts).count() {
+        0 => Ok(Ended::Complete),
+        faults => Err(Error::verb(check::SettingsError { path: path.into(), faults })),
+    }
 }

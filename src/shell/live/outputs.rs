@@ -13,6 +13,7 @@ use crate::shell::error::Error;
 use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::link::{Inbound, Links};
 use crate::shell::preview::{Preview, Snapshot, snapshot};
+use crate::shell::support::clock::now_us;
 use crate::tracking::traffic::Traffic;
 use mavlink_core::MAVLinkV2MessageRaw;
 use std::format;
@@ -137,7 +138,9 @@ impl Outputs {
         });
         self.shown.time_us = frame.time_us;
         self.shown.level = tracks.iter().map(|track| track.level).max().unwrap_or_default();
-        self.shown.tracks = tracks.iter().map(Into::into).collect();
+        let component = onboard.component();
+        self.shown.tracks =
+            tracks.iter().map(|track| snapshot::Track::named(track, component)).collect();
         preview.publish(Snapshot { picture, ..self.shown.clone() });
     }
 
@@ -167,7 +170,7 @@ impl Outputs {
         shown.health = snapshot::Health {
             state: match state {
                 State::Starting => snapshot::State::Starting,
-                State::Watching => snapshot::State::Watching,
+                State::Watching | State::NoAutopilot => snapshot::State::Watching,
                 State::Blind(_) => snapshot::State::Blind,
                 State::Stalled => snapshot::State::CameraGone,
             },
@@ -185,10 +188,14 @@ impl Outputs {
         };
         shown.latency = latency.into_iter().map(line).collect();
         let statuses = links.specs().zip((0..u8::MAX).map(|link| links.status(link)));
-        shown.links = statuses.map(Into::into).collect();
+        let now_us = now_us();
+        let link = |(spec, status)| snapshot::Link::new(spec, status, now_us);
+        shown.links = statuses.map(link).collect();
         let component = onboard.component();
         shown.autopilot =
-            component.autopilot().map(|_| format!("system {}", component.system_id()));
+            component.last_served().map(|served| format!("system {}", served.system_id));
+        shown.autopilot_lost = component.autopilot().is_none() && component.last_served().is_some();
+        shown.parameters = snapshot::ParameterLine::all(component.parameters());
         shown.look_through(onboard.camera());
         preview.publish(shown.clone());
     }

@@ -12,10 +12,12 @@ use super::stages::Stages;
 use super::worker::{self, Seen};
 use crate::detector::digest::Digest;
 use crate::mavlink::component;
+use crate::mavlink::component::Naming;
 use crate::mavlink::component::parameters::Parameters;
 use crate::mavlink::lookout::Onboard;
 use crate::mavlink::messages::Blind;
-use crate::mavlink::messages::status::State;
+use crate::mavlink::messages::adsb::{Assume, Callsign};
+use crate::mavlink::messages::status::{HeartbeatType, State};
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::link::{Inbound, LinkSpec, Links, params};
@@ -284,7 +286,9 @@ impl<'a> Service<'a> {
             self.state = state;
             match state {
                 State::Watching | State::Starting => tracing::info!("{}", state_in_words(state)),
-                State::Blind(_) | State::Stalled => tracing::warn!("{}", state_in_words(state)),
+                State::Blind(_) | State::Stalled | State::NoAutopilot => {
+                    tracing::warn!("{}", state_in_words(state));
+                }
             }
         }
         if self.notify.is_hungry() {
@@ -392,10 +396,29 @@ fn component(config: &Config) -> component::Config {
             width: pixels(config.camera.width),
             height: pixels(config.camera.height),
         }),
+        heartbeat: match config.heartbeat_type.as_str() {
+            "adsb" => HeartbeatType::Adsb,
+            "flarm" => HeartbeatType::Flarm,
+            _ => HeartbeatType::OnboardController,
+        },
+        naming: naming(config),
         // Three frames of a slow camera.
         stall_us: defaults.stall_us.max(3_000_000 / i64::from(config.camera.rate)),
         ..defaults
     }
+}
+
+/// How objects are named.
+fn naming(config: &Config) -> Naming {
+    let assume = match config.traffic.assume.as_str() {
+        "aircraft" => Assume::Aircraft,
+        _ => Assume::Drone,
+    };
+    let mut naming = Naming { assume, ..Naming::default() };
+    for (place, callsign) in naming.fleet.iter_mut().zip(&config.traffic.fleet) {
+        *place = Callsign::new(callsign.as_bytes());
+    }
+    naming
 }
 
 fn state_in_words(state: State) -> String {
@@ -403,6 +426,7 @@ fn state_in_words(state: State) -> String {
         State::Starting => "starting, no frame yet".into(),
         State::Watching => "watching for traffic".into(),
         State::Stalled => "no frames, traffic is not watched".into(),
+        State::NoAutopilot => "watching, but the autopilot is gone".into(),
         State::Blind(blind) => {
             let reasons: Vec<_> = blind.reasons().collect();
             format!("blind: {}; traffic is not watched", reasons.join(", "))

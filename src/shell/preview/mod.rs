@@ -9,6 +9,7 @@
 //! | `/state.json` | the newest [`Snapshot`] without its picture, and its age |
 //! | `/frame.jpg` | the newest picture; what was followed in it stands in the field `Lookout-Tracks` |
 //! | `/healthz` | for monitors: 200 while it watches, else 503 and the reason |
+//! | `/register_service` | for BlueOS: name, version and icon of the page |
 //!
 //! The page asks for pictures one by one, the next when the last has come: over a bad link there are fewer of them, but none
 //! is late, as it would be in a stream. HTTP is read by the crate `httparse` and sockets are waited for by `mio`; servers that

@@ -6,6 +6,7 @@ const STATE_EVERY = 200, PICTURE_EVERY = 100, STALE = 2000;
 const STATE_WITHIN = 3000, PICTURE_WITHIN = 9000;
 const LEVELS = { none: "No alert", traffic: "Traffic", caution: "Caution", warning: "Warning" };
 const URGENCY = Object.keys(LEVELS);
+const LINKS = { up: "up", silent: "no answer", down: "down" };
 const STATES = { starting: "starting", watching: "watching", blind: "blind", camera_gone: "camera gone" };
 
 const $ = (id) => document.getElementById(id);
@@ -116,7 +117,14 @@ function rows(id, list) {
 
 // What is not known, or no number, comes as null.
 const number = (value, digits, unit) => value === null ? "–" : `${value.toFixed(digits)}${unit}`;
-const metres = (range) => number(range, range !== null && range < 10 ? 1 : 0, " m");
+const digits = (range) => range !== null && range < 10 ? 1 : 0;
+const metres = (range) => number(range, digits(range), " m");
+// The range with its standard deviation, as it comes from an assumed wingspan.
+const distance = ({ range_m: range, range_sigma_m: sigma }) =>
+  range === null || sigma === null || sigma === undefined ? metres(range)
+    : `${range.toFixed(digits(range))} ± ${number(sigma, digits(range), " m")}`;
+const label = (track) => track.callsign || String(track.id);
+const name = (track) => track.callsign || `Object ${track.id}`;
 const side = (angle, positive, negative) =>
   angle === null ? "–" : `${number(Math.abs(angle), 1, "°")} ${angle < 0 ? negative : positive}`;
 const bearing = (track) =>
@@ -125,8 +133,8 @@ const urgent = (a, b) => URGENCY.indexOf(b.level) - URGENCY.indexOf(a.level)
   || (a.time_to_contact_s ?? Infinity) - (b.time_to_contact_s ?? Infinity) || a.id - b.id;
 
 function inWords(track) {
-  const parts = [`Object ${track.id}: ${bearing(track).join(", ")}`];
-  if (track.range_m !== null) parts.push(`about ${metres(track.range_m)}`);
+  const parts = [`${name(track)}: ${bearing(track).join(", ")}`];
+  if (track.range_m !== null) parts.push(`about ${distance(track)}`);
   if (track.time_to_contact_s !== null) parts.push(`contact in ${number(track.time_to_contact_s, 1, " s")}`);
   return parts.join(", ");
 }
@@ -149,6 +157,12 @@ function fault() {
   if (health.state === "blind" || health.blind.length) {
     return { old: false, text: `Blind: ${health.blind.join(", ") || "nothing can be seen"}.` };
   }
+  if (state.autopilot_lost) {
+    return { old: false, watching: true, text: "Autopilot lost: no traffic is on its map or that of a ground station." };
+  }
+  if (!state.autopilot && state.links.length) {
+    return { old: false, watching: true, text: "No autopilot heard: no traffic is on its map or that of a ground station." };
+  }
   return null;
 }
 
@@ -160,7 +174,7 @@ function showAlert() {
   let detail = tracks.length ? inWords(tracks[0]) : state ? "No object followed." : "";
   if (trouble?.old) [level, word, detail] = ["unknown", "Unknown", ""];
   // No object is no good news where nothing can be seen.
-  else if (trouble && level === "none") [level, word, detail] = ["unknown", "Not watching", ""];
+  else if (trouble && !trouble.watching && level === "none") [level, word, detail] = ["unknown", "Not watching", ""];
   $("banner").dataset.level = level;
   say("level", word);
   say("detail", detail);
@@ -180,9 +194,9 @@ function show() {
   if (!state) return;
   const { tracks, health, latency, links } = state;
   rows("objects", [...tracks].sort(urgent).map((track) => [
-    [String(track.id), chip(track.level, track.level === "none" ? "followed" : track.level)],
+    [label(track), chip(track.level, track.muted ? "own fleet" : track.level === "none" ? "followed" : track.level)],
     [span(`${bearing(track)[0]},`), " ", span(bearing(track)[1])],
-    span(metres(track.range_m)),
+    span(distance(track)),
     span(number(track.time_to_contact_s, 1, " s")),
     number(track.score, 2, ""),
   ]));
@@ -192,10 +206,52 @@ function show() {
   say("camera", health.camera || "–");
   say("frames", `${health.frames} seen, ${health.dropped} dropped`);
   say("rate", number(health.frames_per_second, 1, " frames a second"));
-  say("autopilot", state.autopilot ?? "none heard");
+  showAutopilot();
   rows("latency", latency.map((l) => [l.stage, span(number(l.p50_ms, 1, " ms")), span(number(l.p99_ms, 1, " ms"))]));
-  rows("links", links.map((l) => [l.name, chip(l.up ? "up" : "down", l.up ? "up" : "down"), String(l.sent), String(l.dropped)]));
+  rows("links", links.map((l) => [l.name, chip(l.state, LINKS[l.state]), String(l.sent), String(l.dropped)]));
+  rows("parameters", state.parameters.map((p) => [p.name, span(short(p.value)), span(`${short(p.range[0])} to ${short(p.range[1])}`)]));
+  $("parameters-card").hidden = !state.parameters.length;
   showMap();
+}
+
+// As few digits as give the same single-precision number.
+function short(value) {
+  for (let digits = 1; digits < 9; digits++) {
+    const text = Number(value.toPrecision(digits));
+    if (Math.fround(text) === Math.fround(value)) return String(text);
+  }
+  return String(value);
+}
+
+// A missing autopilot stands out.
+function showAutopilot() {
+  const { autopilot, autopilot_lost: lost } = state;
+  const [level, word] = lost ? ["lost", "lost"] : autopilot ? ["", ""] : ["none_heard", "none heard"];
+  const text = `${autopilot ?? ""}${word}`;
+  const element = $("autopilot");
+  if (element.dataset.text === text) return;
+  element.dataset.text = text;
+  element.replaceChildren(...(autopilot ? [autopilot] : []), ...(word ? [chip(level, word)] : []));
+}
+
+// Puts a text at the first of these places where it is within `bounds` and on no other text; the last one else. Places
+// are left and top of the text.
+function place(text, places, bounds, taken) {
+  const { x, y, width, height } = text.getBBox();
+  const [dx, dy] = [Number(text.getAttribute("x")) - x, Number(text.getAttribute("y")) - y];
+  const clear = (a) => taken.every((b) =>
+    a.x >= b.x + b.width || b.x >= a.x + a.width || a.y >= b.y + b.height || b.y >= a.y + a.height);
+  const within = (value, start, end) => Math.min(Math.max(value, start), Math.max(start, end));
+  const boxes = places(width, height).map(([left, top]) => ({
+    x: within(left, bounds.x, bounds.x + bounds.width - width),
+    y: within(top, bounds.y, bounds.y + bounds.height - height),
+    width,
+    height,
+  }));
+  const box = boxes.find(clear) ?? boxes.at(-1);
+  taken.push(box);
+  text.setAttribute("x", box.x + dx);
+  text.setAttribute("y", box.y + dy);
 }
 
 // Outlines around the boxes, in pixels of the picture; the objects are those of this very picture.
@@ -203,23 +259,28 @@ function showBoxes(tracks, { width, height, clientWidth }) {
   const pixel = width / Math.max(clientWidth, 1);
   const svg = $("boxes");
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  svg.replaceChildren(...tracks.map((track) => {
+  const groups = new Map(tracks.map((track) => {
     const [left, top, w, h] = track.rect;
-    const gap = 4 * pixel, size = 13 * pixel;
+    const gap = 4 * pixel;
     const box = { x: left - gap, y: top - gap, width: w + 2 * gap, height: h + 2 * gap };
-    const above = box.y - 5 * pixel;
-    const text = {
-      x: Math.min(Math.max(box.x, 0), width - 7 * size),
-      y: above > size ? above : box.y + box.height + size,
-      "font-size": size,
-    };
+    const words = track.level === "none" ? label(track) : `${label(track)} ${track.level}`;
+    const text = make("text", { x: 0, y: 0, "font-size": 13 * pixel }, words);
     const group = make("g", { "data-level": track.level, "data-id": track.id },
-      make("rect", { class: "edge", ...box }),
-      make("rect", { class: "line", ...box }),
-      make("text", text, track.level === "none" ? `${track.id}` : `${track.id} ${track.level}`));
+      make("rect", { class: "edge", ...box }), make("rect", { class: "line", ...box }), text);
     if (track.coasting || !track.confirmed) group.classList.add("foretold");
-    return group;
+    return [track, { group, box, text }];
   }));
+  svg.replaceChildren(...[...groups.values()].map(({ group }) => group));
+  const taken = [], bounds = { x: 0, y: 0, width, height };
+  for (const track of [...tracks].sort(urgent)) {
+    const { box, text } = groups.get(track);
+    // Above, below, beside, then line by line away from the box.
+    place(text, (wide, high) => {
+      const [above, below] = [box.y - high, box.y + box.height];
+      const lines = [...Array(24).keys()].flatMap((i) => [[box.x, above - i * high], [box.x, below + i * high]]);
+      return [...lines.slice(0, 2), [box.x + box.width, box.y], [box.x - wide, box.y], ...lines.slice(2)];
+    }, bounds, taken);
+  }
 }
 
 // The more urgent, the more corners.
@@ -244,7 +305,7 @@ function showMap() {
   const half = Math.min(view, 359.9) / 2;
   const [from, to] = [at(middle - half, 100), at(middle + half, 100)];
   const wedge = `M0,0L${from}A100,100 0 ${half > 90 ? 1 : 0} 1 ${to}z`;
-  const label = (angle, radius, text) => {
+  const word = (angle, radius, text) => {
     const [x, y] = at(angle, radius);
     return make("text", { x, y }, text);
   };
@@ -253,21 +314,33 @@ function showMap() {
     const far = track.range_m === null;
     const radius = far ? 100 : Math.min(track.range_m / limit, 1) * 100;
     const [x, y] = at(track.azimuth_deg, radius);
-    const [rx, ry] = at(track.azimuth_deg, Math.max(radius - 15, 22));
     return make("g", { class: far ? "track far" : "track", "data-level": track.level, "data-id": track.id },
       make("line", { class: "ray", x1: 0, y1: 0, x2: x, y2: y }),
       make("path", { class: "mark", d: MARKS[track.level], transform: `translate(${x} ${y})` }),
-      make("text", { x: rx + 9, y: ry }, String(track.id)));
+      make("text", { x: 0, y: 0 }, label(track)));
   });
   $("map").replaceChildren(
     make("path", { class: "view", d: wedge }),
     make("circle", { class: "ring", r: 50 }),
     make("circle", { class: "ring", r: 100 }),
-    ...[["nose", 0], ["right", 90], ["tail", 180], ["left", -90]].map(([text, angle]) => label(angle, 114, text)),
-    ...(known ? [label(135, 50, metres(limit / 2)), label(135, 100, metres(limit))] : []),
+    ...[["nose", 0], ["right", 90], ["tail", 180], ["left", -90]].map(([text, angle]) => word(angle, 114, text)),
+    ...(known ? [word(135, 50, metres(limit / 2)), word(135, 100, metres(limit))] : []),
     make("path", { class: "own", d: "M0,-8L6,7L0,4L-6,7z" }),
     ...marks,
   );
+  const taken = [], bounds = { x: -124, y: -124, width: 248, height: 248 };
+  // The most urgent, which is drawn last, has the first choice.
+  marks.reverse().forEach((mark) => {
+    const { x, y, width, height } = mark.querySelector(".mark").getBBox();
+    const [cx, cy] = mark.querySelector(".mark").getAttribute("transform").match(/-?[\d.]+(e-?\d+)?/g).map(Number);
+    const [left, top] = [cx + x, cy + y];
+    place(mark.querySelector("text"), (wide, high) => [0, 1, 2, 3].flatMap((i) => [
+      [left + width + 2, cy - high / 2 + i * high],
+      [left - wide - 2, cy - high / 2 - i * high],
+      [cx - wide / 2, top - high * (i + 1)],
+      [cx - wide / 2, top + height + high * i],
+    ]), bounds, taken);
+  });
 }
 
 $("key").addEventListener("submit", (event) => {

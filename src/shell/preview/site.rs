@@ -81,11 +81,13 @@ impl Site {
         let answer: fn(&mut Self, &Request) -> Response = match request.path {
             // No secret is in it; it asks for the token itself.
             "/" => return self.page(),
+            "/register_service" => return Self::service(),
             "/state.json" => Self::state,
             "/frame.jpg" => Self::frame,
             "/healthz" => Self::health,
             _ => {
-                let line = "404: there are /, /state.json, /frame.jpg and /healthz";
+                let line =
+                    "404: there are /, /state.json, /frame.jpg, /healthz and /register_service";
                 return Response::text(Status::NotFound, line);
             }
         };
@@ -129,6 +131,22 @@ impl Site {
     fn page(&self) -> Response {
         Response::new(Status::Ok, "text/html; charset=utf-8", self.page.clone().into())
             .with("Content-Security-Policy", self.policy.as_str())
+    }
+
+    /// How BlueOS lists the page in its side bar: its helper asks every web server of the machine for this. Nothing secret
+    /// is in it. Source: bluerobotics/BlueOS, `core/services/helper`, `ServiceMetadata`.
+    fn service() -> Response {
+        let body = serde_json::json!({
+            "name": "Lookout",
+            "description": "Watches for other aircraft through the vehicle's camera",
+            "icon": "mdi-binoculars",
+            "company": "The Lookout developers",
+            "version": env!("CARGO_PKG_VERSION"),
+            "webpage": "",
+            "api": "",
+            "works_in_relative_paths": true,
+        });
+        Response::new(Status::Ok, "application/json", body.to_string().into())
     }
 
     fn state(&mut self, _: &Request) -> Response {

@@ -1,6 +1,8 @@
 //! What the page shows: plain data, one snapshot a frame.
 
 use crate::camera::Camera;
+use crate::mavlink::component::Component;
+use crate::mavlink::component::parameters::{Parameter, Parameters};
 use crate::mavlink::messages::Blind;
 use crate::shell::formats::detections::Decimal;
 use crate::shell::formats::traffic::name;
@@ -32,6 +34,10 @@ pub struct Snapshot {
     pub links: Vec<Link>,
     /// The autopilot in words, when one was heard.
     pub autopilot: Option<String>,
+    /// Whether it is gone.
+    pub autopilot_lost: bool,
+    /// The parameters that ground stations set.
+    pub parameters: Vec<ParameterLine>,
     /// Horizontal field of view of the camera in degrees; see [`Snapshot::look_through`].
     pub field_of_view_deg: f64,
     /// Where the middle of the picture is, in degrees to the right of the vehicle's nose.
@@ -48,6 +54,29 @@ impl Snapshot {
         self.camera_azimuth_deg = azimuth(width / 2);
         // A camera that looks backward has the jump from 180 to -180 in its picture.
         self.field_of_view_deg = (azimuth(width) - azimuth(I28F4::ZERO)).rem_euclid(360.0);
+    }
+}
+
+/// A parameter of the lookout.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct ParameterLine {
+    /// Its name, `LK_...`.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f32,
+    /// Least and largest value.
+    pub range: [f32; 2],
+}
+
+impl ParameterLine {
+    /// All of them, in the order of their indices.
+    pub fn all(parameters: &Parameters) -> Vec<Self> {
+        let line = |parameter: Parameter| {
+            let (least, most) = parameter.range();
+            let (name, value) = (parameter.name(), parameters.wire(parameter));
+            Self { name, value, range: [least, most] }
+        };
+        Parameter::all().map(line).collect()
     }
 }
 
@@ -80,12 +109,32 @@ pub struct Track {
     pub azimuth_deg: f64,
     /// Degrees above the vehicle's level plane.
     pub elevation_deg: f64,
+    /// Callsign of the aircraft that explains it; empty without one.
+    pub callsign: String,
+    /// Whether it is of the own fleet, and not reported.
+    pub muted: bool,
     /// Distance in metres, where it is known.
     pub range_m: Option<f64>,
+    /// Standard deviation of the distance in metres.
+    pub range_sigma_m: Option<f64>,
     /// Time to contact in seconds, where one is foreseen.
     pub time_to_contact_s: Option<f64>,
     /// Score of the last detection: log-odds.
     pub score: f64,
+}
+
+impl Track {
+    /// The track with what `component` knows of it.
+    pub fn named(traffic: &Traffic, component: &Component) -> Self {
+        Self {
+            callsign: component
+                .aircraft_of(traffic.id)
+                .and_then(|aircraft| aircraft.callsign)
+                .map_or(String::new(), |callsign| callsign.to_string()),
+            muted: component.is_muted(traffic.id),
+            ..Self::from(traffic)
+        }
+    }
 }
 
 impl From<&Traffic> for Track {
@@ -99,7 +148,10 @@ impl From<&Traffic> for Track {
             coasting: traffic.coasting,
             azimuth_deg: degrees(traffic.body.azimuth()),
             elevation_deg: degrees(traffic.body.elevation()),
+            callsign: String::new(),
+            muted: false,
             range_m: traffic.range.map(|range| range.value.to_num()),
+            range_sigma_m: traffic.range.map(|range| range.sigma.to_num()),
             time_to_contact_s: traffic.time_to_contact.map(|time| time.value.to_num()),
             score: Decimal::score(traffic.score).to_f64(),
         }
@@ -162,19 +214,41 @@ pub struct Latency {
 pub struct Link {
     /// The link as the user named it.
     pub name: String,
-    /// Whether it is open.
-    pub up: bool,
+    /// Whether it is open, and somebody answers.
+    pub state: LinkState,
     /// Frames given to it.
     pub sent: u64,
     /// Frames left out: for its budget, or for waiting too long.
     pub dropped: u64,
 }
 
-impl From<(&LinkSpec, LinkStatus)> for Link {
-    fn from((spec, status): (&LinkSpec, LinkStatus)) -> Self {
+/// State of a link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LinkState {
+    /// Not open.
+    #[default]
+    Down,
+    /// Open, but nothing was heard for [`SILENT_US`]: a UDP link is open also while nobody is there.
+    Silent,
+    /// Open, and frames are heard.
+    Up,
+}
+
+/// Time without a frame after which a link is silent, microseconds: five heartbeats.
+pub const SILENT_US: i64 = 5_000_000;
+
+impl Link {
+    /// The link of `spec` at `now_us`.
+    pub fn new(spec: &LinkSpec, status: LinkStatus, now_us: i64) -> Self {
+        let heard = status.heard_us.is_some_and(|last| now_us.saturating_sub(last) < SILENT_US);
         Self {
             name: spec.to_string(),
-            up: status.connected,
+            state: match (status.connected, heard) {
+                (false, _) => LinkState::Down,
+                (true, false) => LinkState::Silent,
+                (true, true) => LinkState::Up,
+            },
             sent: status.sent.into(),
             dropped: u64::from(status.capped) + u64::from(status.dropped),
         }
@@ -237,11 +311,25 @@ mod tests {
     }
 
     #[test]
+    fn a_link_that_nobody_answers_is_not_up() {
+        let spec: LinkSpec = "udpout:127.0.0.1:14550".parse().unwrap();
+        let state = |connected, heard_us| {
+            let status = LinkStatus { connected, heard_us, ..LinkStatus::default() };
+            Link::new(&spec, status, 60_000_000).state
+        };
+        assert_eq!(state(true, None), LinkState::Silent);
+        assert_eq!(state(true, Some(54_000_000)), LinkState::Silent);
+        assert_eq!(state(true, Some(59_000_000)), LinkState::Up);
+        assert_eq!(state(false, Some(59_000_000)), LinkState::Down);
+    }
+
+    #[test]
     fn a_link_that_lost_frames() {
         let spec: LinkSpec = "udpout:127.0.0.1:14550".parse().unwrap();
         let status = LinkStatus { sent: 9, capped: 2, dropped: u32::MAX, ..LinkStatus::default() };
-        let link = Link::from((&spec, status));
-        assert_eq!((link.up, link.sent, link.dropped), (false, 9, u64::from(u32::MAX) + 2));
+        let link = Link::new(&spec, status, 0);
+        let found = (link.state, link.sent, link.dropped);
+        assert_eq!(found, (LinkState::Down, 9, u64::from(u32::MAX) + 2));
         assert_eq!(link.name, "udpout:127.0.0.1:14550");
     }
 }

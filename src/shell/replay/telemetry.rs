@@ -7,7 +7,9 @@ use crate::mavlink::component::parameters::Parameters;
 use crate::mavlink::component::{Event, Outgoing, Trust};
 use crate::mavlink::lookout::Onboard;
 use crate::shell::error::Error;
-use crate::shell::formats::tlog::{self, Reader, TlogError};
+use crate::shell::formats::flight_log;
+use crate::shell::formats::flight_sample::FlightLogError;
+use crate::shell::formats::tlog;
 use crate::shell::link::signing::{self, Signing};
 use crate::shell::link::{LinkSpec, Links, params};
 use crate::shell::simulate;
@@ -36,7 +38,7 @@ const RECORDED: u8 = u8::MAX;
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "MAVLink")]
 pub struct TelemetryArgs {
-    /// The vehicle's telemetry during the flight; a simulated flight has its own
+    /// The vehicle's log of the flight: telemetry log (.tlog), ArduPilot's .bin or PX4's .ulg; a simulated flight has its own
     #[arg(long, value_name = "FILE")]
     tlog_in: Option<PathBuf>,
     /// When the first frame was taken, in seconds after the first message of --tlog-in
@@ -94,13 +96,25 @@ pub fn signing_with(path: &Path) -> Result<Signing, Error> {
 /// Puts what happened to the component since the last call into the log.
 pub fn log_events(onboard: &mut Onboard) {
     while let Some(event) = onboard.event() {
-        if let Event::Found { system_id, autopilot } = event {
-            tracing::info!(system_id, autopilot, "autopilot found");
+        match event {
+            Event::Found { system_id, autopilot } => {
+                tracing::info!(system_id, autopilot, "autopilot found");
+            }
+            Event::Returned { system_id } => tracing::info!(system_id, "autopilot is back"),
+            Event::Lost => {
+                let system_id = onboard.component().system_id();
+                tracing::warn!(system_id, "autopilot lost: no traffic on the map until it is back");
+            }
+            Event::Restarted => {
+                let system_id = onboard.component().system_id();
+                tracing::warn!(system_id, "autopilot restarted");
+            }
+            Event::Parameter(_) | Event::Attitude { .. } => {}
         }
     }
 }
 
-type Feed = Box<dyn Iterator<Item = Result<(i64, MAVLinkMessageRaw), TlogError>>>;
+type Feed = Box<dyn Iterator<Item = Result<(i64, MAVLinkMessageRaw), FlightLogError>>>;
 
 /// The telemetry of one replay.
 pub struct Telemetry {
@@ -125,15 +139,15 @@ impl Telemetry {
     ) -> Result<Self, Error> {
         let (first_us, feed): (i64, Feed) = match (&args.tlog_in, simulated) {
             (Some(path), _) => {
-                let mut reader = Reader::open(path)?;
-                let first = reader.next_record()?;
+                let mut messages = flight_log::open(path)?;
+                let first = messages.next().transpose()?;
                 let start_us = (args.tlog_start * 1e6).round() as i64;
-                let first_us = first.as_ref().map_or(0, |record| record.time_us) + start_us;
-                let records = first.into_iter().map(Ok).chain(reader);
-                let relative = move |record: Result<tlog::Record, TlogError>| {
-                    record.map(|record| (record.time_us - first_us, record.raw()))
+                let first_us = first.as_ref().map_or(0, |(time_us, _)| *time_us) + start_us;
+                let messages = first.into_iter().map(Ok).chain(messages);
+                let relative = move |message: Result<(i64, MAVLinkMessageRaw), FlightLogError>| {
+                    message.map(|(time_us, raw)| (time_us - first_us, raw))
                 };
-                (first_us, Box::new(records.map(relative)))
+                (first_us, Box::new(messages.map(relative)))
             }
             (None, Some(simulated)) => {
                 let frames = simulated.map(|(time, raw)| Ok((time, MAVLinkMessageRaw::V2(raw))));

@@ -1,6 +1,7 @@
 //! What the component hears of the vehicle and tells of traffic.
 
 mod services;
+mod vehicles;
 
 use super::*;
 use crate::mavlink::dialect::*;

@@ -119,6 +119,50 @@ fn what_is_no_log_is_named() {
     assert!(missing.starts_with("/nowhere/a.tlog: byte 0: cannot read: "), "{missing}");
 }
 
+#[test]
+fn a_clock_that_jumps_behind_a_damaged_place_keeps_the_rest() {
+    let mut bytes = Vec::new();
+    for index in 0..12usize {
+        // Set from 1970 to today after the fourth record, where bytes are damaged too.
+        let time = if index < 4 { index as i64 * 500_000 } else { START + index as i64 * 500_000 };
+        if index == 4 {
+            bytes.extend([0xfd, 9, 9, 9]);
+        }
+        write(&mut bytes, time, &frame(index)).unwrap();
+    }
+    let (records, skipped) = read(&bytes);
+    assert_eq!((records.len(), skipped), (12, 4));
+}
+
+#[test]
+fn times_in_another_form_are_refused() {
+    let log = |count: i64, time: &dyn Fn(i64) -> [u8; 8]| {
+        let mut bytes = Vec::new();
+        for index in 0..count {
+            bytes.extend(time(START + index * 100_000));
+            bytes.extend(frame(index as usize));
+        }
+        bytes
+    };
+    let in_unit = |divisor: i64| move |us: i64| (us / divisor).to_be_bytes();
+    for (count, time, word) in [
+        (40, &(|us: i64| us.to_le_bytes()) as &dyn Fn(i64) -> [u8; 8], "little-endian"),
+        (3, &|us: i64| us.to_le_bytes(), "little-endian"),
+        (40, &in_unit(1000), "in milliseconds"),
+        (40, &in_unit(1_000_000), "in seconds"),
+        (40, &|us: i64| (us as u64 * 1000).to_be_bytes(), "in nanoseconds"),
+    ] {
+        let bytes = log(count, time);
+        let error = reader(&bytes).next_record().unwrap_err().to_string();
+        assert!(error.contains(&std::format!("are {word};")), "{error}");
+    }
+    // A clock that was never set is no other unit, at any time since its start.
+    for since in [0, 5_000_000, 960_000_000, 3_600_000_000] {
+        let bytes = log(40, &|us: i64| (us - START + since).to_be_bytes());
+        assert_eq!(read(&bytes).0.len(), 40);
+    }
+}
+
 /// Gives some bytes, then fails.
 struct Broken<'a>(&'a [u8]);
 

@@ -1,0 +1,178 @@
+//! Faults of settings that only the machine shows: files, folders and devices that they name.
+
+use super::config::Config;
+use crate::shell::link::spec::Address;
+use crate::shell::link::{params, signing};
+use crate::shell::pipeline::ModelFile;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::string::{String, ToString};
+use std::vec::Vec;
+use std::{format, io};
+
+/// A fault of the settings.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fault {
+    /// The key, as `camera.calibration`.
+    pub key: &'static str,
+    /// What is wrong, and what to do.
+    pub text: String,
+    /// Whether `lookout run` starts nevertheless: a device may be plugged in later, a folder is made.
+    pub starts: bool,
+}
+
+/// Settings with which `lookout run` does not start.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: faults: {faults}, see above", path.display())]
+pub struct SettingsError {
+    /// The file of the settings.
+    pub path: PathBuf,
+    /// How many faults there are.
+    pub faults: usize,
+}
+
+/// Whether the settings make the lookout do nothing that anybody or anything learns of.
+pub fn does_nothing(config: &Config) -> bool {
+    config.links.is_empty()
+        && config.preview.is_none()
+        && config.event_log.is_none()
+        && config.record.is_none()
+}
+
+/// What [`does_nothing`] means, in words.
+pub const NOTHING: &str = "nothing to do: there is no link, preview, event_log or record; traffic is watched and reported to nobody";
+
+/// All faults of what the settings name, in the order of the keys.
+pub fn faults(config: &Config) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    let mut add = |key, starts, found: Result<(), String>| {
+        faults.extend(found.err().map(|text| Fault { key, text, starts }));
+    };
+    let named = |path: &Path, error: io::Error| format!("{}: {error}", path.display());
+    let device = |path: &Path| match fs::metadata(path) {
+        Ok(_) => Ok(()),
+        Err(error) => Err(format!("{}; `lookout run` waits for it", named(path, error))),
+    };
+    match config.source.split_once(':') {
+        Some(("v4l2", path)) => add("source", true, device(Path::new(path))),
+        Some(("file", path)) if !path.contains("://") && path != "-" => {
+            let path = Path::new(path);
+            add("source", false, fs::metadata(path).map(drop).map_err(|e| named(path, e)));
+        }
+        _ => {}
+    }
+    for link in &config.links {
+        if let Address::Serial { device: path, .. } = &link.0.address {
+            add("links", true, device(Path::new(path)));
+        }
+    }
+    if let Some(path) = &config.signing_key {
+        add("signing_key", false, signing::read_key(path).map(drop).map_err(|e| named(path, e)));
+    }
+    if let Some(path) = &config.parameters {
+        let read = params::load(path).map(drop).map_err(|e| named(path, e));
+        add("parameters", false, read.and_then(|()| parent(path)));
+    }
+    if config.model.is_some() {
+        let model = ModelFile::load(config.model.as_deref());
+        let parsed = model.and_then(|file| file.parse().map(drop)).map_err(|e| e.to_string());
+        add("model", false, parsed);
+    }
+    for (key, folder) in [("event_log", &config.event_log), ("record", &config.record)] {
+        let Some(path) = folder else { continue };
+        match fs::metadata(path) {
+            Ok(found) if found.is_dir() => {}
+            Ok(_) => add(key, false, Err(format!("{}: is no folder", path.display()))),
+            Err(_) => add(key, true, parent(path)),
+        }
+    }
+    let calibration = config.camera.calibration.as_deref();
+    if let Some(path) = calibration {
+        let size = (config.camera.width as usize, config.camera.height as usize);
+        let opened = File::open(path).map(drop).map_err(|e| named(path, e));
+        // A file has a size of its own, which only its frames show.
+        let is_file = config.source.starts_with("file:");
+        let fits = || config.camera(size, None).map(drop).map_err(|e| e.to_string());
+        add(
+            "camera.calibration",
+            false,
+            opened.and_then(|()| if is_file { Ok(()) } else { fits() }),
+        );
+    }
+    if does_nothing(config) {
+        add("links", true, Err(NOTHING.into()));
+    }
+    faults
+}
+
+/// Whether the folder in which `path` is to be made exists.
+fn parent(path: &Path) -> Result<(), String> {
+    let folder = match path.parent() {
+        Some(folder) if folder != Path::new("") => folder,
+        _ => Path::new("."),
+    };
+    match fs::metadata(folder) {
+        Ok(found) if found.is_dir() => Ok(()),
+        Ok(_) => Err(format!("{}: its folder is a file", path.display())),
+        Err(error) => Err(format!("{}: its folder: {error}", path.display())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn faults_of(text: &str) -> Vec<Fault> {
+        faults(&Config::parse(Path::new("f.toml"), text).unwrap())
+    }
+
+    #[test]
+    fn all_faults_are_listed() {
+        let text = r#"
+            source = "v4l2:/dev/video-nosuch"
+            links = ["serial:/dev/nosuch:57600"]
+            model = "/nope/model.lkm"
+            signing_key = "/nope/key"
+            parameters = "/nope/dir/p.txt"
+            event_log = "/nope/ev"
+            record = "/dev/null"
+            camera.calibration = "/nope/camera.yaml"
+        "#;
+        let faults = faults_of(text);
+        let keys: Vec<_> = faults.iter().map(|fault| (fault.key, fault.starts)).collect();
+        assert_eq!(
+            keys,
+            [
+                ("source", true),
+                ("links", true),
+                ("signing_key", false),
+                ("parameters", false),
+                ("model", false),
+                ("event_log", true),
+                ("record", false),
+                ("camera.calibration", false),
+            ]
+        );
+        for (fault, path) in faults.iter().zip([
+            "/dev/video-nosuch",
+            "/dev/nosuch",
+            "/nope/key",
+            "/nope/dir/p.txt",
+            "/nope/model.lkm",
+            "/nope/ev",
+            "/dev/null",
+            "/nope/camera.yaml",
+        ]) {
+            assert!(fault.text.contains(path), "{fault:?}");
+        }
+    }
+
+    #[test]
+    fn nothing_to_do_is_a_fault() {
+        let faults = faults_of("source = 'simulate:hover'");
+        assert_eq!(faults.len(), 1);
+        assert!(faults[0].starts && faults[0].text.contains("nothing to do"));
+        assert_eq!(faults_of("source = 'simulate:hover'\nlinks = ['udpin:0.0.0.0:14550']"), []);
+        assert_eq!(faults_of("source = 'simulate:hover'\npreview = '127.0.0.1:8090'"), []);
+    }
+}
