@@ -223,6 +223,12 @@ impl<'a> Flight<'a> {
         Some(truth)
     }
 
+    /// Leaves the compression to an encoder that follows; its quality in H.264's scale (constant rate factor), drawn as
+    /// the own compression would have been: its quantiser step is 2^((quality - 4) / 6).
+    pub fn without_compression(&mut self) -> u32 {
+        self.codec.switch_off()
+    }
+
     /// What the first target does.
     pub fn kind(&self) -> Encounter {
         self.kind
