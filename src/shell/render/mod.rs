@@ -31,6 +31,8 @@ mod solid;
 mod sprite;
 mod sway;
 mod targets;
+#[cfg(test)]
+mod tests;
 mod view;
 
 pub use assets::{Assets, Run};

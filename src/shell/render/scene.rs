@@ -65,7 +65,7 @@ impl Scene {
         let scale = view.focal * density;
         // Picture pixels for one texture pixel: as the picture allows.
         let largest = (source_size[0] / (1.25 * wide)).min(source_size[1] / (1.3 * high)).min(2.2);
-        let ratio = random.within(largest.min(0.7), largest.max(0.75));
+        let ratio = random.within(largest.min(0.85), largest.max(0.9));
         let half = 0.62 * high * ratio;
         let middle = if source_size[1] > 2.0 * half {
             random.within(half, source_size[1] - half)

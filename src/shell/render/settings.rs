@@ -325,7 +325,7 @@ impl Default for Pictures {
 impl Default for Motion {
     fn default() -> Self {
         Self {
-            agitation: [0.3, 2.0],
+            agitation: [0.35, 2.2],
             vibration: [0.00005, 0.0012],
             vibration_hz: [20.0, 45.0],
             turn_probability: 0.15,
@@ -344,7 +344,7 @@ impl Default for Sensor {
         Self {
             distortion: [-0.08, 0.03],
             brightness: [50.0, 165.0],
-            contrast: [18.0, 60.0],
+            contrast: [22.0, 66.0],
             gain_drift: [0.0, 0.12],
             vignette: [0.0, 0.35],
             noise: [0.4, 4.0],
@@ -374,9 +374,9 @@ impl Default for Targets {
         Self {
             kinds: [0.3, 0.2, 0.25, 0.13, 0.12],
             more_probability: 0.3,
-            pixels: [8.0, 90.0],
+            pixels: [8.0, 110.0],
             solid_probability: 0.25,
-            contrast: [0.5, 1.15],
+            contrast: [0.6, 1.2],
             inverted_probability: 0.12,
         }
     }

@@ -25,7 +25,7 @@ const SHEET_FLIGHTS: u64 = 40;
 const SHRINK: usize = 2;
 
 /// Flights before given pictures.
-#[derive(Debug, Clone, clap::Args)]
+#[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Flights before pictures")]
 pub struct RenderArgs {
     /// Photographs and panoramas (2:1) to fly before, JPEG or PNG, in any folders below; index.csv may give their kinds
