@@ -348,7 +348,7 @@ impl Default for Sensor {
             gain_drift: [0.0, 0.12],
             vignette: [0.0, 0.35],
             noise: [0.4, 4.0],
-            quantiser: [1.5, 26.0],
+            quantiser: [1.5, 20.0],
             own_craft_probability: 0.12,
         }
     }
