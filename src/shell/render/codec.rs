@@ -53,6 +53,19 @@ impl Codec {
         }
     }
 
+    /// Does nothing from now on; returns the quantisation parameter of H.264 with this step, 12 to 40.
+    pub(super) fn switch_off(&mut self) -> u32 {
+        let step = self.step.take().unwrap_or(1.0);
+        // Steps grow by 2^(1/6) from 1 at 4.
+        let mut parameter = 4;
+        let mut size = 1.0f32;
+        while size < step && parameter < 40 {
+            size *= 1.122_462;
+            parameter += 1;
+        }
+        parameter.max(12)
+    }
+
     /// Replaces a frame by what is left of it after compression; `motions` are those of its macroblocks, row by row.
     pub(super) fn apply(&mut self, pixels: &mut [u8], motions: &[BlockMotion]) {
         let Some(step) = self.step else { return };

@@ -31,12 +31,16 @@ mod solid;
 mod sprite;
 mod sway;
 mod targets;
+#[cfg(test)]
+mod tests;
 mod view;
 
 pub use assets::{Assets, Run};
 pub use cutout::Cutout;
 pub use error::RenderError;
-pub use settings::{Motion, SceneSettings, Sensor, Settings, Targets};
+pub use settings::{
+    DEFAULT, Motion, Pictures, SceneSettings, Sensor, Settings, SettingsError, Targets,
+};
 pub(in crate::shell) use sway::Sway;
 pub use targets::Encounter;
 
@@ -46,9 +50,10 @@ use crate::shell::support::random::Random;
 use crate::shell::support::vectors::dot;
 use background::Renderer;
 use codec::Codec;
-use draw::even;
+use draw::{even, weighted};
 use motion::CameraMotion;
 use movers::{Glints, Mover, OwnCraft};
+use picture::{Picture, PictureKind};
 use scene::Scene;
 use sensor::SensorModel;
 use std::vec::Vec;
@@ -118,8 +123,8 @@ impl<'a> Flight<'a> {
             focal: even(random, settings.focal) * width as f64 / 640.0,
             undistortion: -even(random, settings.sensor.distortion),
         };
-        let picture = &assets.pictures[random.below(assets.pictures.len())];
-        let (scene, motion) = Scene::new(picture, settings, &view, &mut stream(1));
+        let (picture, kind) = choose(assets, settings, random);
+        let (scene, motion) = Scene::new(picture, kind, settings, &view, &mut stream(1));
         let random = &mut stream(2);
         let count = if random.chance(settings.scene.movers_probability) {
             let [low, high] = settings.scene.movers;
@@ -220,6 +225,12 @@ impl<'a> Flight<'a> {
         Some(truth)
     }
 
+    /// Leaves the compression to an encoder that follows; its quality in H.264's scale (constant rate factor), drawn as
+    /// the own compression would have been: its quantiser step is 2^((quality - 4) / 6).
+    pub fn without_compression(&mut self) -> u32 {
+        self.codec.switch_off()
+    }
+
     /// What the first target does.
     pub fn kind(&self) -> Encounter {
         self.kind
@@ -234,6 +245,29 @@ impl<'a> Flight<'a> {
     pub fn optics(&self) -> (f64, f64) {
         (self.view.focal, -self.view.undistortion)
     }
+}
+
+/// A picture of a kind drawn by its share, and the kind of view that it is used as.
+fn choose<'a>(
+    assets: &'a Assets,
+    settings: &Settings,
+    random: &mut Random,
+) -> (&'a Picture, PictureKind) {
+    let kinds =
+        [PictureKind::Level, PictureKind::Oblique, PictureKind::Nadir, PictureKind::Panorama];
+    let of = |kind: PictureKind| assets.pictures.iter().filter(move |p| p.kind == kind);
+    let share =
+        |i: usize| if of(kinds[i]).next().is_some() { settings.pictures.shares[i] } else { 0.0 };
+    let shares: [f64; 4] = core::array::from_fn(share);
+    let mut pictures: Vec<&Picture> = of(kinds[weighted(random, &shares)]).collect();
+    if pictures.is_empty() {
+        // Only kinds whose share is 0.
+        pictures = assets.pictures.iter().collect();
+    }
+    let picture = pictures[random.below(pictures.len())];
+    let ground =
+        picture.kind == PictureKind::Oblique && random.chance(settings.pictures.oblique_as_ground);
+    (picture, if ground { PictureKind::Nadir } else { picture.kind })
 }
 
 fn target_truth(id: i64, target: &FlyingObject<'_>, time: f64) -> TargetTruth {

@@ -168,7 +168,7 @@ impl Mover {
 }
 
 /// Points that flash: glints on water and glass, lamps.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Glints {
     /// Direction, share of the time that it shines, and size in pixels.
     points: Vec<(Vector, f64, f64)>,

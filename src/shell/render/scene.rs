@@ -53,6 +53,7 @@ impl Scene {
     /// in it.
     pub(super) fn new(
         picture: &Picture,
+        kind: PictureKind,
         settings: &Settings,
         view: &View,
         random: &mut Random,
@@ -64,23 +65,23 @@ impl Scene {
         let scale = view.focal * density;
         // Picture pixels for one texture pixel: as the picture allows.
         let largest = (source_size[0] / (1.25 * wide)).min(source_size[1] / (1.3 * high)).min(2.2);
-        let ratio = random.within(largest.min(0.7), largest.max(0.75));
+        let ratio = random.within(largest.min(0.85), largest.max(0.9));
         let half = 0.62 * high * ratio;
         let middle = if source_size[1] > 2.0 * half {
             random.within(half, source_size[1] - half)
         } else {
             source_size[1] / 2.0
         };
-        let pitch = match picture.kind {
+        let pitch = match kind {
             PictureKind::Nadir => -core::f64::consts::FRAC_PI_2 + 0.3 * random.symmetric(),
             PictureKind::Panorama => random.within(-0.45, 0.15),
             _ => atan2(picture.horizon - middle, ratio * scale),
         };
-        let may_turn = picture.kind == PictureKind::Panorama;
+        let may_turn = kind == PictureKind::Panorama;
         let mut motion = CameraMotion::draw(random, settings, pitch, may_turn);
         let structure = even(random, settings.scene.structure);
         let axes = Rotation::new(0.0, pitch, 0.0);
-        let (form, scale, reach) = match picture.kind {
+        let (form, scale, reach) = match kind {
             PictureKind::Nadir => {
                 motion.raise(8.0);
                 let height = motion.height;
@@ -94,7 +95,7 @@ impl Scene {
             _ => (Form::Tangent(axes), scale, 1.0 / motion.height),
         };
         let mut projection = Projection { form, scale, centre: [0.0; 2], reach };
-        if picture.kind != PictureKind::Nadir {
+        if kind != PictureKind::Nadir {
             // Rows below the horizon reach down to about half a radian.
             motion.limit_travel(TRAVEL * motion.height / (1.0 + structure));
         }
@@ -105,7 +106,7 @@ impl Scene {
         let (width, height) = (side(left, right), side(top, bottom));
         projection.centre =
             [width as f64 / 2.0 - (left + right) / 2.0, height as f64 / 2.0 - (top + bottom) / 2.0];
-        let source = match picture.kind {
+        let source = match kind {
             PictureKind::Panorama => Source::Turned(core::f64::consts::PI * random.symmetric()),
             PictureKind::Nadir => {
                 let ratio = random.within(0.6, 1.5);
@@ -135,7 +136,7 @@ impl Scene {
             relief: Vec::new(),
             nearest: Vec::new(),
             projection,
-            kind: picture.kind,
+            kind,
         };
         let sky = scene.sample(picture, &source);
         scene.tone(settings, random);

@@ -5,8 +5,9 @@
 
 mod attitude;
 mod encounter;
+mod files;
 mod landscape;
-
+mod rendered;
 mod scene;
 mod settings;
 mod shapes;
@@ -14,9 +15,11 @@ pub mod source;
 mod telemetry;
 mod write;
 
+pub use files::SimulateError;
+pub use rendered::RenderArgs;
 pub use settings::{Kind, SimulateSettings};
 pub use telemetry::{START_US, Telemetry};
-pub use write::{SimulateArgs, SimulateError, run};
+pub use write::{SimulateArgs, run};
 
 use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::formats::clips::TruthBox;

@@ -138,7 +138,7 @@ fn truth_leads_to_the_box() {
 fn arguments(out: &Path) -> SimulateArgs {
     let settings =
         SimulateSettings { seconds: 0.1, width: 96, height: 64, ..SimulateSettings::default() };
-    SimulateArgs { out: out.into(), settings }
+    SimulateArgs { out: out.into(), settings, render: RenderArgs::default() }
 }
 
 #[test]
@@ -231,4 +231,95 @@ fn absurd_settings_are_limited() {
     };
     let (frame, _) = render(&settings, 0);
     assert_eq!((frame.width, frame.height, settings.frames()), (16, 16, 1));
+}
+
+/// A folder of one grey picture with a smooth sky.
+fn backgrounds() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let grey = |x: u32, y: u32| {
+        if y < 200 { 220 } else { (60 + (x * 7 + y * 13) % 97 + (x / 16 + y / 16) % 5 * 12) as u8 }
+    };
+    let picture = image::GrayImage::from_fn(640, 480, |x, y| image::Luma([grey(x, y)]));
+    picture.save(folder.path().join("field.png")).unwrap();
+    folder
+}
+
+/// Flights before pictures are a split that the evaluation reads, the same bytes each time.
+#[test]
+fn rendered_flights_are_clips() {
+    let (backgrounds, out) = (backgrounds(), tempfile::tempdir().unwrap());
+    let shapes = tempfile::tempdir().unwrap();
+    let wing = "v 1 0 0\nv -1 1 0\nv -1 -1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+    fs::write(shapes.path().join("wing.obj"), wing).unwrap();
+    let write = |name: &str, empty: bool| {
+        let settings = SimulateSettings { seconds: 0.2, ..small(Kind::Collision, 3) };
+        let render = RenderArgs {
+            backgrounds: Some(backgrounds.path().into()),
+            shapes: Some(shapes.path().into()),
+            flights: 3,
+            empty,
+            png: true,
+            sheet: Some(out.path().join(name.to_string() + ".png")),
+            ..RenderArgs::default()
+        };
+        run(&SimulateArgs { out: out.path().join(name), settings, render }).unwrap();
+        clips(&out.path().join(name)).unwrap()
+    };
+    let (first, second, empty) = (write("a", false), write("b", false), write("c", true));
+    assert_eq!(first.len(), 3);
+    let mut boxes = 0;
+    for (clip, again) in first.iter().zip(&second) {
+        for file in ["gt.txt", "truth.csv", "camera.json", "frames/000006.png"] {
+            let bytes = |clip: &crate::shell::formats::clips::Clip| {
+                fs::read(clip.directory.join(file)).unwrap()
+            };
+            assert_eq!(bytes(clip), bytes(again), "{file}");
+        }
+        let mut source = sources::open(&clip.input.display().to_string()).unwrap();
+        let mut frame = Frame::default();
+        let mut frames = 0;
+        while source.next_frame(&mut frame).unwrap() {
+            frames += 1;
+        }
+        assert_eq!((frames, frame.width, frame.height), (6, 320, 240));
+        let truth = crate::shell::formats::truth::read(&clip.directory.join("truth.csv")).unwrap();
+        assert_eq!(truth.len(), 6);
+        boxes += clip.ground_truth.boxes().count();
+    }
+    assert!(boxes > 5, "{boxes}");
+    assert!(empty.iter().all(|clip| clip.ground_truth.last_frame() == 0));
+    let sheet = image::open(out.path().join("a.png")).unwrap();
+    assert_eq!((sheet.width(), sheet.height()), (5 * 160, 3 * 120));
+    let list = fs::read_to_string(out.path().join("a/flights.csv")).unwrap();
+    assert_eq!(list.lines().count(), 4, "{list}");
+}
+
+#[test]
+fn mistakes_of_rendered_flights_are_named() {
+    let (backgrounds, out) = (backgrounds(), tempfile::tempdir().unwrap());
+    let attempt = |change: &dyn Fn(&mut SimulateArgs)| {
+        let settings = SimulateSettings { seconds: 0.1, ..small(Kind::Collision, 3) };
+        let render = RenderArgs {
+            backgrounds: Some(backgrounds.path().into()),
+            flights: 1,
+            png: true,
+            ..RenderArgs::default()
+        };
+        let folder = tempfile::tempdir_in(&out).unwrap();
+        let mut args = SimulateArgs { out: folder.path().into(), settings, render };
+        change(&mut args);
+        run(&args).unwrap_err().to_string()
+    };
+    let settings = out.path().join("ranges.toml");
+    fs::write(&settings, "[motion]\nspeed = [3.0, 1.0]\n").unwrap();
+    let error = attempt(&|args| args.render.settings_file = Some(settings.clone()));
+    assert!(error.contains("ranges.toml: 'motion.speed' is [3, 1]"), "{error}");
+    let error = attempt(&|args| args.render.backgrounds = Some(out.path().join("nothing")));
+    assert!(error.contains("nothing: cannot be read"), "{error}");
+    let shapes = tempfile::tempdir().unwrap();
+    fs::write(shapes.path().join("bad.obj"), "v 1 0 0\nf 1 2 9\n").unwrap();
+    let error = attempt(&|args| args.render.shapes = Some(shapes.path().into()));
+    assert!(error.contains("bad.obj: line 2: '2'"), "{error}");
+    let error = attempt(&|args| args.settings.width = 330);
+    assert!(error.contains("multiples of 16"), "{error}");
 }
