@@ -34,7 +34,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         for (place, pixel) in pixels.iter_mut().enumerate() {
             let (x, y) = (place % CONFIG.width, place / CONFIG.width);
             let ground = ((x + number) / 7 * 31 + y / 5 * 17) % 97 + 80;
-            let square = (100 + 4 * number..118 + 4 * number).contains(&x) && (90..104).contains(&y);
+            let square =
+                (100 + 4 * number..118 + 4 * number).contains(&x) && (90..104).contains(&y);
             *pixel = if square { 20 } else { ground as u8 };
         }
         let frame = Image::packed(&pixels, CONFIG.width, CONFIG.height)?;

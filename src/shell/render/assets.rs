@@ -32,7 +32,7 @@ pub type Run = Vec<Cutout>;
 pub struct Assets {
     pub(super) pictures: Vec<Picture>,
     /// The folder of each picture: those of one scene stand in one.
-    scenes: Vec<PathBuf>,
+    pub(super) scenes: Vec<PathBuf>,
     /// Runs of each clip.
     pub(super) targets: Vec<Vec<Run>>,
     pub(super) birds: Vec<Run>,

@@ -43,6 +43,7 @@ fn assets() -> Assets {
             picture(700, 700, 0, PictureKind::Nadir),
             picture(1024, 512, 230, PictureKind::Panorama),
         ],
+        scenes: ["a", "b", "c", "d"].map(std::path::PathBuf::from).into(),
         targets: vec![vec![run(1)], vec![run(2)]],
         birds: vec![run(BIRD)],
         solids: vec![solid::Solid::parse(CUBE, 1).unwrap()],
