@@ -72,7 +72,7 @@ impl<'a> DifferenceRow<'a> {
 
     /// The mean over cell `x` in quarters of a grey level, at most 255: the sum of its four pixels. 0 beyond a halved
     /// picture, which may lack the last column and row.
-    #[cfg(test)]
+    #[inline(always)]
     fn quarters(&self, x: usize) -> u8 {
         match self {
             Self::Pixels(row) => row.sum(x).min(255) as u8,
@@ -239,14 +239,13 @@ fn newest_at_once(newest: &Newest<'_>, x: i32, y: i32) -> Square<SIDE> {
 }
 
 /// The cells of a square whose upper left one is at (left, top), one after the other; those outside a level of such a size are 0.
-#[cfg(test)]
-fn square<const N: usize, R>(
+fn square<R>(
     size: (usize, usize),
     (left, top): (i32, i32),
     row: impl Fn(usize) -> R,
     cell: impl Fn(&R, usize) -> [u8; CHANNELS],
-) -> Square<N> {
-    let mut cells = [[[0; CHANNELS]; N]; N];
+) -> Square<SIDE> {
+    let mut cells = [[[0; CHANNELS]; SIDE]; SIDE];
     for (j, cells) in cells.iter_mut().enumerate() {
         let Some(y) = place(top, j).filter(|&y| y < size.1) else { continue };
         let row = row(y);
@@ -260,7 +259,6 @@ fn square<const N: usize, R>(
 }
 
 /// `first + i`, unless it is negative.
-#[cfg(test)]
 fn place(first: i32, i: usize) -> Option<usize> {
     usize::try_from(first.saturating_add(i as i32)).ok()
 }
@@ -274,15 +272,17 @@ impl<'a> Slice<'a> {
     /// Energies, magnitude and temporal difference of the cells of a square whose upper left one is at (x, y). Cells
     /// outside the picture are 0.
     pub fn square(&self, x: i32, y: i32) -> Square<SIDE> {
+        if !cfg!(feature = "simd") {
+            return self.square_by_cells(x, y);
+        }
         match near(self.cells(), x, y) {
             true => square_at_once(self, x, y),
             false => [[[0; CHANNELS]; SIDE]; SIDE],
         }
     }
 
-    /// As [`Slice::square`], cell by cell.
-    #[cfg(test)]
-    pub(crate) fn square_naive<const N: usize>(&self, x: i32, y: i32) -> Square<N> {
+    /// As [`Slice::square`], cell by cell: for processors without vector instructions.
+    fn square_by_cells(&self, x: i32, y: i32) -> Square<SIDE> {
         let row = |y| (CellRow::new(&self.grey, y), self.near.row(y));
         square(self.cells(), (x, y), row, |(grey, near), x| {
             let [a, b, c, d, e, f, magnitude] = grey.cell(x).energies();
@@ -295,15 +295,17 @@ impl Newest<'_> {
     /// Intensity, the differences in quarters of a grey level (at most 255) and zeros: of the cells of a square, as
     /// [`Slice::square`].
     pub fn square(&self, x: i32, y: i32) -> Square<SIDE> {
+        if !cfg!(feature = "simd") {
+            return self.square_by_cells(x, y);
+        }
         match near(self.slice.cells(), x, y) {
             true => newest_at_once(self, x, y),
             false => [[[0; CHANNELS]; SIDE]; SIDE],
         }
     }
 
-    /// As [`Newest::square`], cell by cell.
-    #[cfg(test)]
-    pub(crate) fn square_naive<const N: usize>(&self, x: i32, y: i32) -> Square<N> {
+    /// As [`Newest::square`], cell by cell: for processors without vector instructions.
+    fn square_by_cells(&self, x: i32, y: i32) -> Square<SIDE> {
         square(self.slice.cells(), (x, y), |y| self.row(y), |row, x| row.second(x))
     }
 
@@ -334,7 +336,7 @@ pub struct NewestRow<'a> {
 
 impl NewestRow<'_> {
     /// Intensity, the differences and zeros.
-    #[cfg(test)]
+    #[inline(always)]
     fn second(&self, x: usize) -> [u8; CHANNELS] {
         let [far, near, plain] = &self.differences;
         let grey = self.grey.cell(x).grey();
@@ -442,8 +444,8 @@ pub(crate) mod tests {
             let cells = cells(&newest);
             let first = newest.slice.square(x, y);
             let second = newest.square(x, y);
-            prop_assert_eq!(first, newest.slice.square_naive(x, y));
-            prop_assert_eq!(second, newest.square_naive(x, y));
+            prop_assert_eq!(first, newest.slice.square_by_cells(x, y));
+            prop_assert_eq!(second, newest.square_by_cells(x, y));
             for (j, (first, second)) in first.iter().zip(&second).enumerate() {
                 for (i, (first, second)) in first.iter().zip(second).enumerate() {
                     let (cx, cy) = (x + i as i32, y + j as i32);

@@ -137,20 +137,14 @@ pub fn energies<const N: usize, const ORIENTED: bool>(
 fn words(row: &[u8], first: usize, cells: usize) -> [u16; BLOCK + 1] {
     let mut words = [0; BLOCK + 1];
     let (left, right) = (CELL * first, CELL * (first + cells));
-    // All words of which no pixel is missing.
-    let whole = row.get(left.wrapping_sub(1)..right + 1).unwrap_or(&[]);
-    if let Some(pairs) = whole.as_chunks::<2>().0.first_chunk::<{ BLOCK + 1 }>() {
-        for (word, pair) in words.iter_mut().zip(pairs) {
-            *word = u16::from_le_bytes(*pair);
-        }
-        return words;
-    }
     let word = |before: usize, behind: usize| {
         u16::from_le_bytes([row[before], row[behind.min(row.len() - 1)]])
     };
     words[0] = word(left.saturating_sub(1), left);
-    for (x, out) in (first + 1..=first + cells).zip(&mut words[1..]) {
-        *out = word(CELL * x - 1, CELL * x);
+    words[cells] = word(right - 1, right);
+    let (between, _) = row[left + 1..right - 1].as_chunks::<2>();
+    for (word, pair) in words[1..cells].iter_mut().zip(between) {
+        *word = u16::from_le_bytes(*pair);
     }
     words
 }
@@ -160,10 +154,34 @@ impl CellRow<'_> {
     /// [`CellPixels::energies`](super::gradient::CellPixels::energies) gives them, the orientations 0 unless `oriented`,
     /// then the mean grey level. Panics if there are fewer cells, or fewer bytes than [`PLANES`] times `columns`.
     pub fn fill(&self, columns: usize, oriented: bool, planes: &mut [u8]) {
-        if oriented {
+        if !cfg!(feature = "simd") {
+            self.fill_by_cells(columns, oriented, planes);
+        } else if oriented {
             fill_oriented(self, columns, planes);
         } else {
             fill_plain(self, columns, planes);
+        }
+    }
+
+    /// As [`CellRow::fill`], cell by cell: for processors without vector instructions.
+    fn fill_by_cells(&self, columns: usize, oriented: bool, planes: &mut [u8]) {
+        let (orientations, rest) = planes.split_at_mut(ORIENTATIONS * columns);
+        let (magnitudes, greys) = rest.split_at_mut(columns);
+        if !oriented {
+            orientations.fill(0);
+        }
+        for (x, (magnitude, grey)) in magnitudes.iter_mut().zip(&mut greys[..columns]).enumerate() {
+            let cell = self.cell(x);
+            *grey = cell.grey();
+            if !oriented {
+                *magnitude = cell.magnitude();
+                continue;
+            }
+            let [energies @ .., all] = cell.energies();
+            *magnitude = all;
+            for (plane, energy) in orientations.chunks_exact_mut(columns).zip(energies) {
+                plane[x] = energy;
+            }
         }
     }
 
@@ -285,6 +303,9 @@ mod tests {
                 let row = CellRow::new(&image, y);
                 let mut planes = vec![9; PLANES * columns];
                 row.fill(columns, oriented, &mut planes);
+                let mut by_cells = vec![9; PLANES * columns];
+                row.fill_by_cells(columns, oriented, &mut by_cells);
+                prop_assert_eq!(&planes, &by_cells);
                 let mut quarters = vec![9; columns];
                 row.fill_quarters(&mut quarters);
                 for x in 0..columns {

@@ -99,8 +99,13 @@ fn responses(image: Image<'_>, x: usize, y: usize) -> [[i32; BLOCK]; BLOCK] {
     let mut sums = [[[0i16; BLOCK]; 3]; ROWS];
     for (j, sums) in sums.iter_mut().enumerate() {
         let row = |k: usize| -> [i16; ROOM] {
-            let row = image.row(y + j + k - 2).get(x - 2..).and_then(|row| row.first_chunk());
-            row.map_or([0; ROOM], |row: &[u8; ROOM]| row.map(i16::from))
+            let row = &image.row(y + j + k - 2)[x - 2..];
+            let mut values = [0; ROOM];
+            match row.first_chunk::<ROOM>() {
+                Some(row) => values = row.map(i16::from),
+                None => values.iter_mut().zip(row).for_each(|(value, &v)| *value = v.into()),
+            }
+            values
         };
         let (above, here, below) = (row(0), row(1), row(2));
         let (mut across, mut down) = ([0i16; ROOM], [0i16; ROOM]);

@@ -180,22 +180,33 @@ impl Segment {
         if x + ROOM > from.width() || y + 2 >= from.height() {
             return false;
         }
-        let row = |y: usize| from.row(y).get(x..).and_then(|row| row.first_chunk::<ROOM>());
-        let (Some(upper), Some(middle), Some(lower)) = (row(y), row(y + 1), row(y + 2)) else {
-            return false;
-        };
-        for (i, out) in out.iter_mut().enumerate() {
+        // Of each pixel whether the whole part is one more than the least, and the weight of the next one.
+        let (mut right, mut below) = ([0u16; BLOCK], [0u16; BLOCK]);
+        let (mut wx, mut wy) = ([0u16; BLOCK], [0u16; BLOCK]);
+        for i in 0..BLOCK {
             let (dx, dy) = (dx + i as i32 * across, dy + i as i32 * down);
-            let (wx, wy) = (dx as u16 >> 12, dy as u16 >> 12);
-            let (right, below) = (dx >> 16 != least.0, dy >> 16 != least.1);
-            let pick = |row: &[u8; ROOM]| match right {
-                true => (row[i + 1], row[i + 2]),
-                false => (row[i], row[i + 1]),
+            (right[i], below[i]) = (((dx >> 16) - least.0) as u16, ((dy >> 16) - least.1) as u16);
+            (wx[i], wy[i]) = (dx as u16 >> 12, dy as u16 >> 12);
+        }
+        // The first value, or the second where the choice is 1; what wraps on the way is right in the end.
+        let choose = |first: u16, second: u16, choice: u16| {
+            first.wrapping_add(second.wrapping_sub(first).wrapping_mul(choice))
+        };
+        let mut rows = [[0u16; BLOCK]; 3];
+        for (out, y) in rows.iter_mut().zip(y..) {
+            let Some(row) = from.row(y).get(x..).and_then(|row| row.first_chunk::<ROOM>()) else {
+                return false;
             };
-            let (a, b, c) = (pick(upper), pick(middle), pick(lower));
-            let ((a, b), (c, d)) = if below { (b, c) } else { (a, b) };
-            let across = |a: u8, b: u8| blend(a.into(), b.into(), wx);
-            *out = ((blend(across(a, b), across(c, d), wy) + 128) >> 8) as u8;
+            for i in 0..BLOCK {
+                let [a, b, c] = [row[i].into(), row[i + 1].into(), row[i + 2].into()];
+                out[i] = blend(choose(a, b, right[i]), choose(b, c, right[i]), wx[i]);
+            }
+        }
+        let [upper, middle, lower] = &rows;
+        for (i, out) in out.iter_mut().enumerate() {
+            let a = choose(upper[i], middle[i], below[i]);
+            let b = choose(middle[i], lower[i], below[i]);
+            *out = ((blend(a, b, wy[i]) + 128) >> 8) as u8;
         }
         true
     }

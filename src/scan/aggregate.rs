@@ -157,12 +157,20 @@ pub fn strips(
     let mut filled = 0;
     for number in 0..height {
         let planes = &mut strip[filled * stride..(filled + 1) * stride];
-        for (plane, value) in planes.chunks_exact_mut(width).zip(OUTSIDE) {
-            plane.fill(value);
-        }
-        if let Some(y) = number.checked_sub(PADDING).filter(|&y| y < around.rows) {
-            around.advance(y);
-            around.map_row(y, &loud, planes);
+        match number.checked_sub(PADDING).filter(|&y| y < around.rows) {
+            Some(y) => {
+                for (plane, value) in planes.chunks_exact_mut(width).zip(OUTSIDE) {
+                    plane[..PADDING].fill(value);
+                    plane[PADDING + columns..].fill(value);
+                }
+                around.advance(y);
+                around.map_row(y, &loud, planes);
+            }
+            None => {
+                for (plane, value) in planes.chunks_exact_mut(width).zip(OUTSIDE) {
+                    plane.fill(value);
+                }
+            }
         }
         filled += 1;
         if filled == rows || number + 1 == height {
@@ -228,6 +236,19 @@ impl<'a> Around<'a> {
         let cells = &self.ring[y % NEAR * length..][..length];
         let down = (y + REACH + 1).min(self.rows) - y.saturating_sub(REACH);
         let Self { columns, sums, temporaries, .. } = self;
+        // Reciprocals of fewer than five cells do not fit 16 bits.
+        let fewest = (REACH + 1).min(*columns) * down;
+        if !cfg!(feature = "simd") || fewest < 5 {
+            let row = Row {
+                cells,
+                around: &[],
+                columns: *columns,
+                down,
+                oriented: self.newest.oriented,
+                loud,
+            };
+            return map_row_by_cells(&row, sums, out);
+        }
         let (around, rest) = temporaries.split_at_mut(AVERAGED.len() * *columns);
         let (pairs, fours) = rest[..2 * sums_len(*columns)].split_at_mut(sums_len(*columns));
         sum_across(*columns, sums, around, [pairs, fours]);
@@ -315,8 +336,9 @@ fn map_row(row: Row<'_>, temporaries: &mut [u16], out: &mut [u8]) {
     reciprocals(row.around(3), near);
     for channel in 0..ORIENTATIONS {
         let out = plane();
-        if row.oriented {
-            ratios(row.cells(channel), energy, indices, out);
+        match row.oriented {
+            true => ratios(row.cells(channel), energy, indices, out),
+            false => out.fill(0),
         }
     }
     let magnitude = row.cells(MAGNITUDE);
@@ -332,6 +354,83 @@ fn map_row(row: Row<'_>, temporaries: &mut [u16], out: &mut [u8]) {
     look_up(magnitude, |magnitude| RECIPROCAL[usize::from(magnitude) * 4], energy);
     ratios(plain, energy, indices, plane());
     ratios(far_cells, far, indices, plane());
+}
+
+/// As [`sum_across`] and [`map_row`], cell by cell: for processors without vector instructions. `sums` are those of columns.
+fn map_row_by_cells(row: &Row<'_>, sums: &[u16], out: &mut [u8]) {
+    let (columns, width) = (row.columns, row.columns + 2 * PADDING);
+    let out = &mut out[..width * MAP_CHANNELS];
+    let length = sums_len(columns);
+    let mut around = [0; AVERAGED.len()];
+    for (around, sums) in around.iter_mut().zip(sums.chunks_exact(length)) {
+        *around = sums[..NEAR - 1].iter().sum();
+    }
+    let mut inside = (0, 0);
+    for x in 0..columns {
+        // Sums of the columns on the right are added, and when the cell is done those on the left taken away.
+        for (around, sums) in around.iter_mut().zip(sums.chunks_exact(length)) {
+            *around += sums[x + NEAR - 1];
+        }
+        // Cells of the square that lie in the picture, and their Q18 reciprocal: they change near edges only.
+        let across = (x + REACH + 1).min(columns) - x.saturating_sub(REACH);
+        let count = (across * row.down) as u32;
+        if inside.0 != count {
+            inside = (count, (1u32 << 18).div_ceil(count));
+        }
+        let cell = from_fn(|channel| row.cells[channel * columns + x]);
+        let values = map_cell(row, &cell, &around, inside.1);
+        for (plane, value) in out.chunks_exact_mut(width).zip(values) {
+            plane[PADDING + x] = value;
+        }
+        for (around, sums) in around.iter_mut().zip(sums.chunks_exact(length)) {
+            *around -= sums[x];
+        }
+    }
+}
+
+/// The map of a cell with the sums over the square around it; `inside` is the Q18 reciprocal of its cells.
+#[inline(always)]
+fn map_cell(
+    row: &Row<'_>,
+    cell: &[u8; CELL_CHANNELS],
+    around: &[u16; AVERAGED.len()],
+    inside: u32,
+) -> [u8; MAP_CHANNELS] {
+    let [magnitude_around, grey_around, far_around, near_around] = *around;
+    let ratio = |value: u8, reciprocal: u16| {
+        ROOT[((u32::from(value) * u32::from(reciprocal)) >> 8) as usize % RATIOS]
+    };
+    let energy = RECIPROCAL[quarter_mean(magnitude_around) & 1023];
+    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = *cell;
+    let against_energy = |value: u8| ratio(value, energy);
+    let mean = (u32::from(grey_around) * inside) >> 16;
+    let above = i32::from(grey) * 4 - mean as i32;
+    let byte = |value: i32| (128 + value).clamp(0, 255) as u8;
+    let local = |value: u8, sum: u16| ratio(value, RECIPROCAL[quarter_mean(sum) & 1023]);
+    let [a, b, c, d, e, f] = match row.oriented {
+        true => [a, b, c, d, e, f].map(against_energy),
+        false => [0; ORIENTATIONS],
+    };
+    let [far_loud, near_loud, plain_loud] = row.loud;
+    [
+        a,
+        b,
+        c,
+        d,
+        e,
+        f,
+        against_energy(magnitude),
+        QUARTER_ROOT[usize::from(magnitude)],
+        byte((above * i32::from(energy)) >> 10),
+        byte(above >> 1),
+        far_loud[usize::from(far)],
+        near_loud[usize::from(near)],
+        plain_loud[usize::from(plain)],
+        local(near, near_around),
+        // The plain difference against the magnitude of the cell alone.
+        ratio(plain, RECIPROCAL[usize::from(magnitude) * 4]),
+        local(far, far_around),
+    ]
 }
 
 /// [`ROOT`] of four times a magnitude.
@@ -566,6 +665,32 @@ mod tests {
                     prop_assert!(want.holds(*got), "{x} {y} channel {channel}: {got}, not {want:?}");
                 }
             }
+        }
+
+        #[test]
+        fn rows_agree_with_their_cells(
+            columns in 1..90usize, down in 6..12usize, oriented: bool, calm in prop::array::uniform3(0..2049u32),
+            few in 1..200u8, seed in prop::collection::vec(any::<u8>(), 1500),
+        ) {
+            let value = |i: usize| seed[i % seed.len()] / few;
+            let cells: Vec<u8> = (0..columns * CELL_CHANNELS).map(value).collect();
+            // Sums of columns: of up to 11 values, outside of the picture of none.
+            let length = sums_len(columns);
+            let sum = |i: usize| match (i % length).checked_sub(REACH) {
+                Some(x) if x < columns => down as u16 * u16::from(value(i * 7)),
+                _ => 0,
+            };
+            let sums: Vec<u16> = (0..AVERAGED.len() * length).map(sum).collect();
+            let loud = calm.map(super::loud);
+            let mut around = vec![0xa5a5; AVERAGED.len() * columns];
+            let mut rest = [vec![0xa5a5; length], vec![0xa5a5; length]];
+            sum_across(columns, &sums, &mut around, rest.each_mut().map(Vec::as_mut_slice));
+            let row = Row { cells: &cells, around: &around, columns, down, oriented, loud: &loud };
+            let outside = (columns + 2 * PADDING) * MAP_CHANNELS;
+            let (mut planes, mut by_cells) = (vec![0; outside], vec![0; outside]);
+            map_row(row, &mut vec![0xa5a5; 4 * columns], &mut planes);
+            map_row_by_cells(&row, &sums, &mut by_cells);
+            prop_assert_eq!(planes, by_cells);
         }
 
         #[test]

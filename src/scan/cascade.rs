@@ -110,17 +110,28 @@ impl<'a> Map<'a> {
         (tests, windows)
     }
 
-    /// As [`Map::scan`] with every window, many at once.
-    pub fn scan_in_lanes(
+    /// As [`Map::scan`] with trees that are prepared for the map; where every window is looked at, many at once.
+    #[inline(never)]
+    pub fn scan_prepared(
         &self,
         level: u8,
         cascade: &Cascade<'_>,
+        step: usize,
         mut found: impl FnMut(Candidate),
     ) -> u32 {
-        cascade.scan(&self.windows, |column, row, score| {
-            found(self.candidate(level, column, row, score));
-        });
-        (self.windows.count.0 * self.windows.count.1) as u32
+        let mut keep = |column, row, score| found(self.candidate(level, column, row, score));
+        if step == 1 {
+            cascade.scan(&self.windows, keep);
+            return (self.windows.count.0 * self.windows.count.1) as u32;
+        }
+        let mut windows = 0;
+        for (column, row) in self.places(step) {
+            windows += 1;
+            if let Some(score) = cascade.window(&self.windows, column, row) {
+                keep(column, row, score);
+            }
+        }
+        windows
     }
 }
 
@@ -190,6 +201,32 @@ mod tests {
             let mut found = vec![];
             prop_assert_eq!(map.scan(3, &forest, step, |candidate| found.push(candidate)), windows);
             prop_assert_eq!(found, naive);
+        }
+
+        #[test]
+        fn prepared_trees_find_the_same(
+            columns in 1..60usize, rows in 1..11usize, first in 0..9usize, step in 1..4usize, bias in -40..100i32,
+            trees in prop::collection::vec((tree(), tree()), 0..5),
+            seed in prop::collection::vec(any::<u8>(), 4000),
+        ) {
+            let (width, height) = (columns + 2 * PADDING, rows + 2 * PADDING);
+            let bytes: Vec<u8> = seed.into_iter().cycle().take(width * height * MAP_CHANNELS).collect();
+            let map = Map::new(Strip { top: first, bytes: &bytes }, columns);
+            // Seven nodes and eight leaves of two trees.
+            let trees: Vec<Tree> = trees.into_iter().map(|((reject, nodes, leaves), (_, others, more))| {
+                let nodes = nodes.iter().chain(&others).chain(&others[..1]).copied().collect();
+                (reject, nodes, [leaves, more].concat())
+            }).collect();
+            let file = encode(3, bias, FEATURES as u16, &trees);
+            let (forest, _) = Forest::parse(&file).unwrap();
+            let mut want = vec![];
+            let windows = map.scan(3, &forest, step, |candidate| want.push(candidate));
+            for lanes in Lanes::available() {
+                let cascade = Cascade::new(lanes, &forest, width).unwrap();
+                let mut found = vec![];
+                let count = map.scan_prepared(3, &cascade, step, |candidate| found.push(candidate));
+                prop_assert_eq!((count, &found), (windows, &want), "{:?}", lanes);
+            }
         }
     }
 }

@@ -26,8 +26,8 @@ pub fn offset(feature: u16, width: usize) -> usize {
     (row * MAP_CHANNELS + channel) * width + column
 }
 
-/// Trees that are evaluated in lanes; windows that outlive them go on alone.
-const PREPARED: usize = if cfg!(feature = "simd") { 256 } else { 0 };
+/// Trees that are prepared for a map; windows that outlive them go on in the model's bytes. 56 bytes each, on the stack.
+const PREPARED: usize = if cfg!(feature = "simd") { 256 } else { 64 };
 
 /// Inner nodes of a tree.
 const NODES: usize = 7;
@@ -161,9 +161,9 @@ type Survivors<'a> = &'a mut dyn FnMut(usize, usize, usize, i16);
 
 impl<'m> Cascade<'m> {
     /// `forest` for maps of `width` cells in a row. `None` where trees are not of depth 3 or scores leave the range of
-    /// `i16`, and where there are no lanes.
+    /// `i16`.
     pub fn new(lanes: Lanes, forest: &Forest<'m>, width: usize) -> Option<Self> {
-        if lanes == Lanes::Scalar || forest.depth() != 3 || !forest.fits_i16() {
+        if forest.depth() != 3 || !forest.fits_i16() {
             return None;
         }
         let mut prepared = [Prepared::NONE; PREPARED];
@@ -177,18 +177,7 @@ impl<'m> Cascade<'m> {
     /// Calls `found` for each window that the cascade does not reject with its column, row and score, row by row.
     pub fn scan(&self, windows: &Windows<'_>, mut found: impl FnMut(usize, usize, i32)) {
         let mut survivors = |column: usize, row: usize, tree: usize, score: i16| {
-            let window = windows.from(column, row);
-            let mut score = score;
-            for prepared in &self.prepared[tree..self.trees] {
-                score += prepared.leaf(window);
-                if score < prepared.reject {
-                    return;
-                }
-            }
-            let test = |feature: u16, threshold: u16| {
-                u16::from(window[offset(feature, windows.width)]) > threshold
-            };
-            if let Some(score) = self.forest.cascade_from(self.trees, i32::from(score), test) {
+            if let Some(score) = self.rest(windows, column, row, tree, score) {
                 found(column, row, score);
             }
         };
@@ -201,6 +190,35 @@ impl<'m> Cascade<'m> {
             #[cfg(all(feature = "simd", target_arch = "aarch64"))]
             Lanes::Neon => in_neon(self, windows, &mut survivors),
         }
+    }
+
+    /// The score of one window, `None` if it is rejected.
+    #[inline]
+    pub fn window(&self, windows: &Windows<'_>, column: usize, row: usize) -> Option<i32> {
+        self.rest(windows, column, row, 0, self.bias())
+    }
+
+    /// The score of a window that has outlived the first `tree` trees with `score`.
+    #[inline]
+    fn rest(
+        &self,
+        windows: &Windows<'_>,
+        column: usize,
+        row: usize,
+        tree: usize,
+        mut score: i16,
+    ) -> Option<i32> {
+        let window = windows.from(column, row);
+        for prepared in &self.prepared[tree..self.trees] {
+            score += prepared.leaf(window);
+            if score < prepared.reject {
+                return None;
+            }
+        }
+        let test = |feature: u16, threshold: u16| {
+            u16::from(window[offset(feature, windows.width)]) > threshold
+        };
+        self.forest.cascade_from(self.trees, i32::from(score), test)
     }
 
     #[cfg(feature = "simd")]
@@ -666,10 +684,7 @@ mod tests {
     fn every_way(forest: &Forest<'_>, windows: &Windows<'_>) -> Result<(), TestCaseError> {
         let want = naive(forest, windows);
         for lanes in Lanes::available() {
-            let Some(cascade) = Cascade::new(lanes, forest, windows.width) else {
-                prop_assert_eq!(lanes, Lanes::Scalar);
-                continue;
-            };
+            let cascade = Cascade::new(lanes, forest, windows.width).unwrap();
             let mut found = vec![];
             cascade.scan(windows, |column, row, score| found.push((column, row, score)));
             prop_assert_eq!(&found, &want, "{:?}", lanes);
@@ -710,7 +725,7 @@ mod tests {
     }
 
     #[test]
-    fn other_forests_are_left_to_the_scalar_walk() {
+    fn other_forests_are_not_prepared() {
         let forest = |depth: u8, bias: i32, leaf: i16, reject: i32| {
             let (nodes, leaves) = (vec![Node::LEFT; (1 << depth) - 1], vec![leaf; 1 << depth]);
             encode(depth, bias, FEATURES as u16, &vec![(reject, nodes, leaves); 4])
@@ -728,7 +743,7 @@ mod tests {
             let (forest, _) = Forest::parse(&file).unwrap();
             for lanes in Lanes::available() {
                 let taken = Cascade::new(lanes, &forest, 40).is_some();
-                assert_eq!(taken, fits && lanes != Lanes::Scalar, "{forest:?}");
+                assert_eq!(taken, fits, "{forest:?}");
             }
         }
     }

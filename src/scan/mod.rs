@@ -255,8 +255,7 @@ fn scan_level(
 ) -> LevelFound {
     let columns = level.level.cells().0;
     let mut found = LevelFound { number: level.number, windows: 0, kept: 0, best: Kept::new() };
-    let lanes = if step == 1 { Lanes::fastest() } else { Lanes::Scalar };
-    let in_lanes = Cascade::new(lanes, cascade, columns + 2 * PADDING);
+    let prepared = Cascade::new(Lanes::fastest(), cascade, columns + 2 * PADDING);
     let scan = |strip: Strip<'_>| {
         let map = Map::new(strip, columns);
         let keep = |candidate: Candidate| {
@@ -269,8 +268,8 @@ fn scan_level(
                 let _ = best.push(item);
             }
         };
-        found.windows += match &in_lanes {
-            Some(cascade) => map.scan_in_lanes(level.number, cascade, keep),
+        found.windows += match &prepared {
+            Some(cascade) => map.scan_prepared(level.number, cascade, step, keep),
             None => map.scan(level.number, cascade, step, keep),
         };
     };
