@@ -241,7 +241,7 @@ fn label_faults(browser: &mut Browser, id: &str) -> Value {
     browser.value(&format!(
         r##"(() => {{
   const around = document.getElementById("{id}").getBoundingClientRect();
-  const texts = [...document.querySelectorAll("#{id} [data-id] text")].map((e) => [e.textContent, e.getBoundingClientRect()]);
+  const texts = [...document.querySelectorAll("#{id} text[data-id]")].map((e) => [e.textContent, e.getBoundingClientRect()]);
   const over = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1;
   const faults = [];
   texts.forEach(([name, a], i) => {{

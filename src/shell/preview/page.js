@@ -196,7 +196,8 @@ function show() {
   rows("objects", [...tracks].sort(urgent).map((track) => [
     [label(track), chip(track.level, track.muted ? "own fleet" : track.level === "none" ? "followed" : track.level)],
     [span(`${bearing(track)[0]},`), " ", span(bearing(track)[1])],
-    span(distance(track)),
+    // Breaks before the error where the column is narrow.
+    distance(track).split(/ (?=±)/).flatMap((part, i) => i ? [" ", span(part)] : [span(part)]),
     span(number(track.time_to_contact_s, 1, " s")),
     number(track.score, 2, ""),
   ]));
@@ -264,13 +265,15 @@ function showBoxes(tracks, { width, height, clientWidth }) {
     const gap = 4 * pixel;
     const box = { x: left - gap, y: top - gap, width: w + 2 * gap, height: h + 2 * gap };
     const words = track.level === "none" ? label(track) : `${label(track)} ${track.level}`;
-    const text = make("text", { x: 0, y: 0, "font-size": 13 * pixel }, words);
-    const group = make("g", { "data-level": track.level, "data-id": track.id },
-      make("rect", { class: "edge", ...box }), make("rect", { class: "line", ...box }), text);
+    const [ids, size] = [{ "data-level": track.level, "data-id": track.id }, 13 * pixel];
+    const text = make("text", { x: 0, y: 0, "font-size": size, ...ids }, words);
+    const group = make("g", ids, make("rect", { class: "edge", ...box }), make("rect", { class: "line", ...box }));
     if (track.coasting || !track.confirmed) group.classList.add("foretold");
     return [track, { group, box, text }];
   }));
-  svg.replaceChildren(...[...groups.values()].map(({ group }) => group));
+  // Labels over all outlines.
+  const drawn = [...groups.values()];
+  svg.replaceChildren(...drawn.map(({ group }) => group), ...drawn.map(({ text }) => text));
   const taken = [], bounds = { x: 0, y: 0, width, height };
   for (const track of [...tracks].sort(urgent)) {
     const { box, text } = groups.get(track);
@@ -316,9 +319,10 @@ function showMap() {
     const [x, y] = at(track.azimuth_deg, radius);
     return make("g", { class: far ? "track far" : "track", "data-level": track.level, "data-id": track.id },
       make("line", { class: "ray", x1: 0, y1: 0, x2: x, y2: y }),
-      make("path", { class: "mark", d: MARKS[track.level], transform: `translate(${x} ${y})` }),
-      make("text", { x: 0, y: 0 }, label(track)));
+      make("path", { class: "mark", d: MARKS[track.level], transform: `translate(${x} ${y})` }));
   });
+  const names = new Map(seen.map((track, i) =>
+    [marks[i], make("text", { x: 0, y: 0, class: "id", "data-id": track.id }, label(track))]));
   $("map").replaceChildren(
     make("path", { class: "view", d: wedge }),
     make("circle", { class: "ring", r: 50 }),
@@ -327,6 +331,7 @@ function showMap() {
     ...(known ? [word(135, 50, metres(limit / 2)), word(135, 100, metres(limit))] : []),
     make("path", { class: "own", d: "M0,-8L6,7L0,4L-6,7z" }),
     ...marks,
+    ...names.values(),
   );
   const taken = [], bounds = { x: -124, y: -124, width: 248, height: 248 };
   // The most urgent, which is drawn last, has the first choice.
@@ -334,7 +339,7 @@ function showMap() {
     const { x, y, width, height } = mark.querySelector(".mark").getBBox();
     const [cx, cy] = mark.querySelector(".mark").getAttribute("transform").match(/-?[\d.]+(e-?\d+)?/g).map(Number);
     const [left, top] = [cx + x, cy + y];
-    place(mark.querySelector("text"), (wide, high) => [0, 1, 2, 3].flatMap((i) => [
+    place(names.get(mark), (wide, high) => [0, 1, 2, 3].flatMap((i) => [
       [left + width + 2, cy - high / 2 + i * high],
       [left - wide - 2, cy - high / 2 - i * high],
       [cx - wide / 2, top - high * (i + 1)],
