@@ -9,6 +9,7 @@ use crate::detector::Detections;
 use crate::math::real::Real;
 use crate::mavlink::component::parameters::{Parameter, Parameters};
 use crate::mavlink::component::{Component, Config, Event, Outgoing, Trust};
+use crate::mavlink::messages::text::Notice;
 use crate::mavlink::messages::{Blind, Health};
 use crate::tracking::tracker;
 use crate::tracking::traffic::{MAX_TRAFFIC, Traffic};
@@ -91,6 +92,11 @@ impl Onboard {
         let message = self.component.poll(now_us);
         self.heed();
         message
+    }
+
+    /// Sends a text about the lookout's own outputs to all.
+    pub fn notify(&mut self, notice: Notice) {
+        self.component.notify(notice);
     }
 
     /// The attitude of the vehicle at `time_us`, where it is known.

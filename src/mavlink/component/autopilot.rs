@@ -6,7 +6,7 @@
 
 use super::clock::Clock;
 use super::heartbeat::is_vehicle;
-use super::{Component, Destination, Event, Sender};
+use super::{Component, Destination, Event, Priority, Sender};
 use crate::mavlink::dialect::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, MavCmd,
     SYSTEM_TIME_DATA, TIMESYNC_DATA,
@@ -166,7 +166,12 @@ impl Component {
     /// A text about the autopilot, to all.
     fn announce(&mut self, news: AutopilotNews) {
         if self.parameters.is_on(super::parameters::Parameter::Text) {
-            self.say(Destination::All, self.config.component_id, true, &text::autopilot(news));
+            self.say(
+                Destination::All,
+                self.config.component_id,
+                Priority::Urgent,
+                &text::autopilot(news),
+            );
         }
     }
 
@@ -309,7 +314,7 @@ impl Component {
             target_system: from.system,
             target_component: from.component,
         };
-        self.say(Destination::Link(from.link), self.config.component_id, true, &answer);
+        self.say(Destination::Link(from.link), self.config.component_id, Priority::Answer, &answer);
     }
 
     /// Whether the autopilot is still there, and what it is to be asked.
@@ -331,7 +336,7 @@ impl Component {
                 target_system: own.system_id,
                 target_component: own.component_id,
             };
-            self.say(to, self.config.component_id, true, &question);
+            self.say(to, self.config.component_id, Priority::Urgent, &question);
         }
         let missing = silent(own.attitude_us, now_us, STALE_US)
             || silent(own.position_us, now_us, 2 * STALE_US);
@@ -371,7 +376,7 @@ impl Component {
             confirmation: 0,
         };
         let to = Destination::Link(autopilot.link);
-        self.queue(to, self.config.component_id, true, Payload::new(&command));
+        self.queue(to, self.config.component_id, Priority::Urgent, Payload::new(&command));
     }
 }
 

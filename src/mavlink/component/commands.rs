@@ -4,7 +4,7 @@
 //! that is younger than this program, and just those are to be answered.
 //! Source: <https://mavlink.io/en/services/command.html>.
 
-use super::{Component, Destination, Sender};
+use super::{Component, Destination, Priority, Sender};
 use crate::mavlink::dialect::{COMMAND_ACK_DATA, MavMessage};
 use crate::mavlink::messages::{Payload, status};
 use fixed::types::{I16F16, I48F16};
@@ -105,21 +105,11 @@ pub(super) struct Follow {
 
 impl Component {
     /// COMMAND_LONG or COMMAND_INT: both have their first two parameters, command and target at the same places.
-    pub(super) fn hear_command(
-        &mut self,
-        from: Sender,
-        payload: &[u8],
-        trusted: bool,
-        now_us: i64,
-    ) {
+    pub(super) fn hear_command(&mut self, from: Sender, payload: &[u8], now_us: i64) {
         let fields = Fields(payload);
         let Some((component, direct)) = self.addressed(fields.byte(30), fields.byte(31)) else {
             return;
         };
-        if !trusted {
-            self.counters.refused = self.counters.refused.saturating_add(1);
-            return;
-        }
         let number = u16::from_le_bytes(fields.bytes(28));
         let command = Command { number, fields, component, direct, from };
         let camera = self.config.camera.map(|camera| camera.component_id);
@@ -169,7 +159,7 @@ impl Component {
         }
         let data = Acknowledgement { command: command.number, verdict, to: command.from };
         let to = Destination::Link(command.from.link);
-        self.say(to, command.component, true, &data);
+        self.say(to, command.component, Priority::Answer, &data);
     }
 
     fn request(&mut self, command: &Command, camera: Option<u8>, now_us: i64) -> Verdict {
@@ -201,7 +191,7 @@ impl Component {
             _ => return Verdict::Unsupported,
         };
         self.answer(&Command { component: speaker, ..*command }, Verdict::Accepted);
-        self.queue(Destination::Link(command.from.link), speaker, true, payload);
+        self.queue(Destination::Link(command.from.link), speaker, Priority::Answer, payload);
         Verdict::Accepted
     }
 
@@ -229,7 +219,7 @@ impl Component {
             None => 0,
         };
         let data = crate::mavlink::dialect::MESSAGE_INTERVAL_DATA { interval_us, message_id: id };
-        self.say(Destination::Link(command.from.link), command.component, true, &data);
+        self.say(Destination::Link(command.from.link), command.component, Priority::Answer, &data);
     }
 
     /// CAMERA_TRACK_POINT and CAMERA_TRACK_RECTANGLE: the object nearest to it.

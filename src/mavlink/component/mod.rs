@@ -29,7 +29,7 @@ use crate::mavlink::dialect::{
 };
 use crate::mavlink::messages::status::{HeartbeatType, State};
 use crate::mavlink::messages::text::Alerts;
-use crate::mavlink::messages::{Health, Payload, Vehicle};
+use crate::mavlink::messages::{self, Health, Payload, Vehicle};
 use crate::tracking::traffic::{Level, MAX_TRAFFIC, Traffic};
 use commands::{Fields, Follow};
 use cooperative::AIRCRAFT;
@@ -93,10 +93,25 @@ pub enum Trust {
     Open,
     /// Rightly signed.
     Signed,
-    /// A key is configured and the frame bears no signature: it may inform, not command.
+    /// A key is configured and the frame bears no signature: ignored, because everything that is sent is signed and
+    /// may derive from signed frames only.
     Unsigned,
-    /// Wrongly signed, or signed with a time of the past: not heard at all.
+    /// Signature or signing time invalid: ignored.
     Forged,
+}
+
+/// Which part of a link's bandwidth a message uses, the most important first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Priority {
+    /// Heartbeats, texts, requests to the autopilot: few bytes, sent at once.
+    Urgent,
+    /// Reports about traffic: ADSB_VEHICLE, COLLISION, OBSTACLE_DISTANCE.
+    Traffic,
+    /// Health values and the box on the video.
+    Status,
+    /// Answers to what others ask. They have a bandwidth of their own: whoever asks, and however often, takes nothing
+    /// from the others.
+    Answer,
 }
 
 /// Where a message is to go.
@@ -113,8 +128,8 @@ pub enum Destination {
 pub struct Outgoing {
     /// Where to.
     pub to: Destination,
-    /// Sent even when a link's budget is used up: heartbeats, warnings, answers.
-    pub urgent: bool,
+    /// Which part of a link's bandwidth it uses.
+    pub priority: Priority,
     /// Our system id.
     pub system_id: u8,
     /// The component that speaks.
@@ -160,9 +175,9 @@ pub struct Counters {
     pub received: u32,
     /// Frames that do not hold what their number says.
     pub malformed: u32,
-    /// Commands and parameter writes without the signature they need.
+    /// Frames without the signature they need.
     pub refused: u32,
-    /// Frames wrongly signed.
+    /// Frames whose signature or signing time is invalid.
     pub forged: u32,
     /// Messages that found no room in the queue.
     pub overflow: u32,
@@ -176,8 +191,13 @@ struct Sender {
     component: u8,
 }
 
-/// Messages that wait to be taken: every message about every object at once, and some answers.
+/// Messages that wait to be taken: every message about every object at once.
 const OUTBOX: usize = 4 * MAX_TRAFFIC;
+
+/// Answers that wait to be taken, and how many of them may be for one link: a flood over one link leaves room for the
+/// others.
+const ANSWERS: usize = 64;
+const ANSWERS_PER_LINK: usize = 24;
 
 /// Events that wait to be taken.
 const EVENTS: usize = 32;
@@ -189,6 +209,7 @@ pub struct Component {
     parameters: Parameters,
     counters: Counters,
     outbox: heapless::Deque<Outgoing, OUTBOX>,
+    answers: heapless::Deque<Outgoing, ANSWERS>,
     events: heapless::Deque<Event, EVENTS>,
     started_us: i64,
 
@@ -205,9 +226,6 @@ pub struct Component {
     timesync_us: Option<i64>,
     unix_offset_us: Option<i64>,
     vehicle: Option<Vehicle>,
-    /// When the autopilot last told of a collision itself.
-    yield_us: Option<i64>,
-
     /// Aircraft that transmit their position.
     aircraft: heapless::Vec<Aircraft, AIRCRAFT>,
     slots: Slots,
@@ -241,6 +259,7 @@ impl Component {
             parameters,
             counters: Counters::default(),
             outbox: heapless::Deque::new(),
+            answers: heapless::Deque::new(),
             events: heapless::Deque::new(),
             started_us: now_us,
             autopilot: None,
@@ -253,7 +272,6 @@ impl Component {
             timesync_us: None,
             unix_offset_us: None,
             vehicle: None,
-            yield_us: None,
             aircraft: heapless::Vec::new(),
             slots: Slots::default(),
             traffic: heapless::Vec::new(),
@@ -277,9 +295,10 @@ impl Component {
     pub fn receive(&mut self, link: u8, frame: &MAVLinkMessageRaw, trust: Trust, now_us: i64) {
         let count = |counter: &mut u32| *counter = counter.saturating_add(1);
         count(&mut self.counters.received);
-        if trust == Trust::Forged {
-            count(&mut self.counters.forged);
-            return;
+        match trust {
+            Trust::Open | Trust::Signed => {}
+            Trust::Unsigned => return count(&mut self.counters.refused),
+            Trust::Forged => return count(&mut self.counters.forged),
         }
         let Ok(system) = u8::try_from(frame.system_id()) else { return };
         let from = Sender { link, system, component: frame.component_id() };
@@ -288,7 +307,6 @@ impl Component {
             // Nobody, or what we sent ourselves.
             return;
         }
-        let trusted = trust != Trust::Unsigned;
         let (id, version, payload) = (frame.message_id(), frame.version(), frame.payload());
         let mut good = true;
         self.hear_autopilot(from, now_us);
@@ -305,7 +323,12 @@ impl Component {
             {
                 good = self.hear_vehicle(id, version, payload, now_us);
             }
-            COLLISION_DATA::ID if self.is_autopilot(from) => self.yield_us = Some(now_us),
+            COLLISION_DATA::ID if self.is_autopilot(from) => {
+                match COLLISION_DATA::deser(version, payload) {
+                    Ok(data) => self.hear_collision(&data, now_us),
+                    Err(_) => good = false,
+                }
+            }
             TIMESYNC_DATA::ID => match TIMESYNC_DATA::deser(version, payload) {
                 Ok(data) if self.is_for_us(data.target_system, data.target_component) => {
                     self.hear_timesync(from, &data, now_us);
@@ -314,10 +337,10 @@ impl Component {
                 Err(_) => good = false,
             },
             COMMAND_LONG_DATA::ID | COMMAND_INT_DATA::ID => {
-                self.hear_command(from, payload, trusted, now_us);
+                self.hear_command(from, payload, now_us);
             }
             PARAM_REQUEST_READ_DATA::ID | PARAM_REQUEST_LIST_DATA::ID | PARAM_SET_DATA::ID => {
-                self.hear_parameter(id, from, payload, trusted);
+                self.hear_parameter(id, from, payload);
             }
             ADSB_VEHICLE_DATA::ID if self.is_autopilot(from) => {
                 match ADSB_VEHICLE_DATA::deser(version, payload) {
@@ -367,7 +390,8 @@ impl Component {
                     seen.threat_us = threat.or(seen.threat_us);
                 }
                 None => {
-                    let new = Seen { track: object.id, time_us: frame_time_us, threat_us: threat };
+                    let time_us = frame_time_us;
+                    let new = Seen { track: object.id, time_us, threat_us: threat, yield_us: None };
                     let _ = self.seen.push(new);
                 }
             }
@@ -387,20 +411,28 @@ impl Component {
             }
             let callsign = self.callsign(object.id);
             if let Some(words) = self.alerts.due(&object, callsign, now_us, interval_us) {
-                self.say(Destination::All, self.config.component_id, true, &words);
+                self.say(Destination::All, self.config.component_id, Priority::Urgent, &words);
             }
         }
     }
 
-    /// The next message to be sent, if any; to be called until there is none, every 20 ms or so.
+    /// Sends a text to all, as about the state of a recording; 50 letters at most.
+    pub fn notify(&mut self, notice: messages::text::Notice) {
+        let data = notice.data();
+        self.say(Destination::All, self.config.component_id, Priority::Urgent, &data);
+    }
+
+    /// The next message to be sent, if any; to be called until there is none, every 20 ms or so. Answers come last.
     pub fn poll(&mut self, now_us: i64) -> Option<Outgoing> {
         if self.outbox.is_empty() {
             self.update_state(now_us);
             self.keep_autopilot(now_us);
             self.stream(now_us);
+        }
+        if self.answers.is_empty() {
             self.list_parameters();
         }
-        self.outbox.pop_front()
+        self.outbox.pop_front().or_else(|| self.answers.pop_front())
     }
 
     /// The next thing that happened, oldest first.
@@ -472,14 +504,26 @@ impl Component {
         (now_us.saturating_sub(self.started_us).max(0) / 1000) as u32
     }
 
-    fn say<D: MessageData>(&mut self, to: Destination, component: u8, urgent: bool, data: &D) {
-        self.queue(to, component, urgent, Payload::new(data));
+    fn say<D: MessageData>(
+        &mut self,
+        to: Destination,
+        component: u8,
+        priority: Priority,
+        data: &D,
+    ) {
+        self.queue(to, component, priority, Payload::new(data));
     }
 
-    fn queue(&mut self, to: Destination, component_id: u8, urgent: bool, payload: Payload) {
+    fn queue(&mut self, to: Destination, component_id: u8, priority: Priority, payload: Payload) {
         let system_id = self.system_id();
-        let message = Outgoing { to, urgent, system_id, component_id, payload };
-        if self.outbox.push_back(message).is_err() {
+        let message = Outgoing { to, priority, system_id, component_id, payload };
+        let queued = if priority == Priority::Answer {
+            let same = self.answers.iter().filter(|answer| answer.to == to).count();
+            same < ANSWERS_PER_LINK && self.answers.push_back(message).is_ok()
+        } else {
+            self.outbox.push_back(message).is_ok()
+        };
+        if !queued {
             self.counters.overflow = self.counters.overflow.saturating_add(1);
         }
     }

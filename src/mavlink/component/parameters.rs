@@ -6,7 +6,7 @@
 
 use super::commands::Fields;
 use super::requests::ParameterError;
-use super::{Component, Destination, Event, Sender};
+use super::{Component, Destination, Event, Priority, Sender};
 use crate::mavlink::dialect::{
     MavParamType, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_VALUE_DATA,
 };
@@ -26,7 +26,7 @@ pub enum Parameter {
     CautionTime,
     /// `LK_WARNING_S`: time to contact below which there is a warning, in seconds; 8 by default.
     WarningTime,
-    /// `LK_ADSB_HZ`: reports of an aircraft a second by ADSB_VEHICLE, 0 for none; 2 by default.
+    /// `LK_ADSB_HZ`: reports of an aircraft a second by ADSB_VEHICLE, 0 for none or at least 0.125; 2 by default.
     AdsbRate,
     /// `LK_COLLISION`: 1 to send COLLISION; 1 by default.
     Collision,
@@ -49,22 +49,36 @@ pub enum Parameter {
 /// Number of parameters.
 pub const COUNT: usize = 12;
 
-/// Name, default, least and largest value of a parameter, and whether it is a whole number.
-struct Definition(Parameter, &'static str, f32, f32, f32, bool);
+/// Values that a parameter may have between its least and its largest.
+#[derive(Clone, Copy)]
+enum Kind {
+    /// All.
+    Any,
+    /// Whole numbers.
+    Whole,
+    /// 0, or at least [`LEAST_RATE`] a second: less would be off without saying so.
+    Rate,
+}
+
+/// Least rate that is not off, in messages a second.
+const LEAST_RATE: f32 = 0.125;
+
+/// Name, default, least and largest value of a parameter, and which values between.
+struct Definition(Parameter, &'static str, f32, f32, f32, Kind);
 
 static DEFINITIONS: [Definition; COUNT] = [
-    Definition(Parameter::Threshold, "LK_THRESHOLD", 0.0, -32.0, 32.0, false),
-    Definition(Parameter::Wingspan, "LK_WINGSPAN", 1.0, 0.0625, 100.0, false),
-    Definition(Parameter::CautionTime, "LK_CAUTION_S", 16.0, 1.0, 60.0, false),
-    Definition(Parameter::WarningTime, "LK_WARNING_S", 8.0, 1.0, 60.0, false),
-    Definition(Parameter::AdsbRate, "LK_ADSB_HZ", 2.0, 0.0, 5.0, false),
-    Definition(Parameter::Collision, "LK_COLLISION", 1.0, 0.0, 1.0, true),
-    Definition(Parameter::Text, "LK_TEXT", 1.0, 0.0, 1.0, true),
-    Definition(Parameter::TextInterval, "LK_TEXT_S", 60.0, 5.0, 600.0, false),
-    Definition(Parameter::Proximity, "LK_PROXIMITY", 0.0, 0.0, 2.0, true),
-    Definition(Parameter::ProximityRate, "LK_PROX_HZ", 10.0, 5.0, 20.0, false),
-    Definition(Parameter::ProximityMax, "LK_PROX_MAX", 100.0, 10.0, 600.0, false),
-    Definition(Parameter::Health, "LK_HEALTH", 1.0, 0.0, 1.0, true),
+    Definition(Parameter::Threshold, "LK_THRESHOLD", 0.0, -32.0, 32.0, Kind::Any),
+    Definition(Parameter::Wingspan, "LK_WINGSPAN", 1.0, 0.0625, 100.0, Kind::Any),
+    Definition(Parameter::CautionTime, "LK_CAUTION_S", 16.0, 1.0, 60.0, Kind::Any),
+    Definition(Parameter::WarningTime, "LK_WARNING_S", 8.0, 1.0, 60.0, Kind::Any),
+    Definition(Parameter::AdsbRate, "LK_ADSB_HZ", 2.0, 0.0, 5.0, Kind::Rate),
+    Definition(Parameter::Collision, "LK_COLLISION", 1.0, 0.0, 1.0, Kind::Whole),
+    Definition(Parameter::Text, "LK_TEXT", 1.0, 0.0, 1.0, Kind::Whole),
+    Definition(Parameter::TextInterval, "LK_TEXT_S", 60.0, 5.0, 600.0, Kind::Any),
+    Definition(Parameter::Proximity, "LK_PROXIMITY", 0.0, 0.0, 2.0, Kind::Whole),
+    Definition(Parameter::ProximityRate, "LK_PROX_HZ", 10.0, 5.0, 20.0, Kind::Any),
+    Definition(Parameter::ProximityMax, "LK_PROX_MAX", 100.0, 10.0, 600.0, Kind::Any),
+    Definition(Parameter::Health, "LK_HEALTH", 1.0, 0.0, 1.0, Kind::Whole),
 ];
 
 impl Parameter {
@@ -137,11 +151,16 @@ impl Parameters {
     /// Sets a value; `false` where it is out of range, no number, or not whole where it should be.
     pub fn set(&mut self, parameter: Parameter, value: f32) -> bool {
         let (min, max) = parameter.range();
-        let whole = I16F16::checked_from_num(value).is_some_and(|v| v.frac() == 0);
+        let fits = match DEFINITIONS[parameter.index()].5 {
+            Kind::Any => true,
+            Kind::Whole => I16F16::checked_from_num(value).is_some_and(|v| v.frac() == 0),
+            Kind::Rate => value == 0.0 || value >= LEAST_RATE,
+        };
         // A NaN is in no range.
-        let good = (min..=max).contains(&value) && (whole || !DEFINITIONS[parameter.index()].5);
+        let good = (min..=max).contains(&value) && fits;
         if good {
-            self.values[parameter.index()] = value;
+            // No negative zero: it would differ on the wire.
+            self.values[parameter.index()] = if value == 0.0 { 0.0 } else { value };
         }
         good
     }
@@ -152,7 +171,7 @@ const REAL32: u8 = 9;
 
 impl Component {
     /// PARAM_REQUEST_READ, PARAM_REQUEST_LIST, PARAM_SET: read by hand, because PARAM_SET may bear any type.
-    pub(super) fn hear_parameter(&mut self, id: u32, from: Sender, payload: &[u8], trusted: bool) {
+    pub(super) fn hear_parameter(&mut self, id: u32, from: Sender, payload: &[u8]) {
         let fields = Fields(payload);
         let target = match id {
             PARAM_REQUEST_LIST_DATA::ID => 0,
@@ -179,7 +198,6 @@ impl Component {
                     }
                 }
             }
-            _ if !trusted => self.counters.refused = self.counters.refused.saturating_add(1),
             _ => self.set_parameter(from, name(6), fields.float(0), fields.byte(22)),
         }
     }
@@ -227,7 +245,7 @@ impl Component {
             param_id: CharArray::from(parameter.name()),
             param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
         };
-        self.say(to, self.config.component_id, true, &data);
+        self.say(to, self.config.component_id, Priority::Answer, &data);
     }
 }
 
@@ -262,6 +280,16 @@ mod tests {
             prop_assert!((min..=max).contains(&now));
             prop_assert_eq!(now == value, taken || value == Parameters::default().wire(parameter));
         }
+    }
+
+    #[test]
+    fn what_is_off_says_so() {
+        let mut parameters = Parameters::default();
+        assert!(!parameters.set(Parameter::AdsbRate, 1e-6));
+        assert!(parameters.set(Parameter::AdsbRate, LEAST_RATE));
+        assert!(parameters.is_on(Parameter::AdsbRate));
+        assert!(parameters.set(Parameter::Proximity, -0.0));
+        assert_eq!(parameters.wire(Parameter::Proximity).to_bits(), 0);
     }
 
     #[test]

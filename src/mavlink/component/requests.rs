@@ -5,7 +5,7 @@
 //! <https://mavlink.io/en/services/parameter.html>.
 
 use super::commands::Fields;
-use super::{Component, Destination, Sender};
+use super::{Component, Destination, Priority, Sender};
 use crate::mavlink::dialect::{
     FILE_TRANSFER_PROTOCOL_DATA, MISSION_COUNT_DATA, MISSION_REQUEST_LIST_DATA, MavMessage,
     PARAM_ERROR_DATA,
@@ -116,18 +116,18 @@ impl Component {
         let to = Destination::Link(from.link);
         if id == FILE_TRANSFER_PROTOCOL_DATA::ID {
             if let Some(answer) = file_answer(from, fields) {
-                self.say(to, component, true, &answer);
+                self.say(to, component, Priority::Answer, &answer);
             }
             return;
         }
         let mission_type = fields.byte(mission_type);
         if id == MISSION_REQUEST_LIST_DATA::ID {
-            self.say(to, component, true, &NoMission { to: from, mission_type });
+            self.say(to, component, Priority::Answer, &NoMission { to: from, mission_type });
             return;
         }
         let asks_for_item = matches!(id, MISSION_REQUEST | MISSION_REQUEST_INT);
         let result = if asks_for_item { INVALID_SEQUENCE } else { UNSUPPORTED };
-        self.say(to, component, true, &MissionAck { to: from, result, mission_type });
+        self.say(to, component, Priority::Answer, &MissionAck { to: from, result, mission_type });
     }
 
     /// PARAM_ERROR (345), which younger clients understand, for a parameter by name or index.
@@ -150,7 +150,7 @@ impl Component {
                 ParameterError::WrongType => MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED,
             },
         };
-        self.say(Destination::Link(from.link), self.config.component_id, true, &data);
+        self.say(Destination::Link(from.link), self.config.component_id, Priority::Answer, &data);
     }
 }
 

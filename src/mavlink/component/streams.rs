@@ -1,10 +1,11 @@
 //! What is sent again and again, and when.
 
 use super::parameters::Parameter;
-use super::{Component, Destination};
+use super::{Component, Destination, Priority};
 use crate::mavlink::dialect::{
     ADSB_VEHICLE_DATA, CAMERA_TRACKING_IMAGE_STATUS_DATA, COLLISION_DATA, HEARTBEAT_DATA,
-    NAMED_VALUE_FLOAT_DATA, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA,
+    MavCollisionThreatLevel, NAMED_VALUE_FLOAT_DATA, OBSTACLE_DISTANCE_3D_DATA,
+    OBSTACLE_DISTANCE_DATA,
 };
 use crate::mavlink::messages::adsb::{self, Identity};
 use crate::mavlink::messages::{self, Payload, obstacle, status};
@@ -21,8 +22,9 @@ pub(super) const POSITION_US: i64 = 2_000_000;
 /// After a threat is over its COLLISION goes on this long, to show that it is.
 const CLEARING_US: i64 = 5_000_000;
 
-/// While the autopilot sent its own COLLISION of late, ours are not sent.
-const YIELD_US: i64 = 10_000_000;
+/// While the autopilot reports an object of ours as a threat by its own COLLISION, ours about it is not sent. ArduPilot
+/// repeats it every second.
+const YIELD_US: i64 = 3_000_000;
 
 /// The shortest interval that can be asked for, in microseconds.
 const SHORTEST_US: i64 = 50_000;
@@ -55,12 +57,13 @@ pub(super) struct Timer {
     wanted_us: Option<Option<i64>>,
 }
 
-/// When an object was last really seen, and when it was last a threat.
+/// When an object was last detected, when it was last a threat, and when the autopilot last reported it as one.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seen {
     pub track: u16,
     pub time_us: i64,
     pub threat_us: Option<i64>,
+    pub yield_us: Option<i64>,
 }
 
 impl Component {
@@ -144,9 +147,15 @@ impl Component {
         let state = self.state;
         match stream {
             Stream::Heartbeat => {
-                self.say(all, main, true, &status::heartbeat(state, self.config.heartbeat));
+                self.say(
+                    all,
+                    main,
+                    Priority::Urgent,
+                    &status::heartbeat(state, self.config.heartbeat),
+                );
                 if let Some(camera) = self.config.camera {
-                    self.say(all, camera.component_id, true, &status::camera_heartbeat(state));
+                    let data = status::camera_heartbeat(state);
+                    self.say(all, camera.component_id, Priority::Urgent, &data);
                 }
             }
             Stream::Adsb => {
@@ -159,14 +168,13 @@ impl Component {
             }
             Stream::Proximity => self.send_proximity(now_us),
             Stream::Collision => {
-                if self.yield_us.is_some_and(|last| now_us.saturating_sub(last) < YIELD_US) {
-                    return;
-                }
                 self.each_object(now_us, |object, identity, seen| {
                     let since = seen.and_then(|seen| seen.threat_us);
                     let threat = object.level >= Level::Caution
                         || since.is_some_and(|us| now_us.saturating_sub(us) < CLEARING_US);
-                    let data = adsb::collision(object, identity).filter(|_| threat);
+                    let yields = seen.and_then(|seen| seen.yield_us);
+                    let yields = yields.is_some_and(|us| now_us.saturating_sub(us) < YIELD_US);
+                    let data = adsb::collision(object, identity).filter(|_| threat && !yields);
                     data.map(|data| Payload::new(&data))
                 });
             }
@@ -181,15 +189,27 @@ impl Component {
                 }
                 let tracks = self.objects(now_us).iter().filter(|t| t.confirmed).count();
                 for value in status::health(&self.health, self.rate, tracks, boot_ms) {
-                    self.say(all, main, false, &value);
+                    self.say(all, main, Priority::Status, &value);
                 }
             }
             Stream::Image => {
                 let Some(camera) = self.config.camera.filter(|_| self.follow.on) else { return };
                 let target = self.target(now_us);
                 let data = status::image(target.as_ref(), camera.width, camera.height);
-                self.say(all, camera.component_id, false, &data);
+                self.say(all, camera.component_id, Priority::Status, &data);
             }
+        }
+    }
+
+    /// COLLISION of the autopilot: as far as it reports an object of ours as a threat, ours about that one is not needed.
+    pub(super) fn hear_collision(&mut self, data: &COLLISION_DATA, now_us: i64) {
+        if data.threat_level == MavCollisionThreatLevel::MAV_COLLISION_THREAT_LEVEL_NONE {
+            return;
+        }
+        let ours =
+            |seen: &Seen| self.identity(seen.track).is_some_and(|own| own.address == data.id);
+        if let Some(at) = self.seen.iter().position(ours) {
+            self.seen[at].yield_us = Some(now_us);
         }
     }
 
@@ -207,7 +227,7 @@ impl Component {
             };
             let seen = self.seen.iter().find(|seen| seen.track == object.id).copied();
             if let Some(payload) = message(&object, &identity, seen) {
-                self.queue(Destination::All, self.config.component_id, false, payload);
+                self.queue(Destination::All, self.config.component_id, Priority::Traffic, payload);
             }
         }
     }
@@ -225,18 +245,18 @@ impl Component {
         let max_cm = (metres.to_num::<i64>() * 100).clamp(0, 65_534) as u16;
         if self.parameters.get(Parameter::Proximity) == 1 {
             let data = obstacle::distances(self.objects(now_us), max_cm, self.frame_us);
-            self.say(to, main, false, &data);
+            self.say(to, main, Priority::Traffic, &data);
         } else if autopilot.kind == ARDUPILOT {
             let boot_ms = self.boot_ms(now_us);
             let mut any = false;
             for at in 0..self.objects(now_us).len() {
                 if let Some(data) = obstacle::point(&self.traffic[at], max_cm, boot_ms) {
                     any = true;
-                    self.say(to, main, false, &data);
+                    self.say(to, main, Priority::Traffic, &data);
                 }
             }
             if !any {
-                self.say(to, main, false, &obstacle::nothing(max_cm, boot_ms));
+                self.say(to, main, Priority::Traffic, &obstacle::nothing(max_cm, boot_ms));
             }
         }
     }
@@ -294,7 +314,7 @@ impl Component {
             _ => messages::Blind::NO,
         };
         let words = messages::text::sight(state == status::State::Stalled, blind);
-        self.say(Destination::All, self.config.component_id, true, &words);
+        self.say(Destination::All, self.config.component_id, Priority::Urgent, &words);
         self.sight_announced = (state, if good { bad_us } else { Some(now_us) });
     }
 }

@@ -128,6 +128,43 @@ pub fn autopilot(news: AutopilotNews) -> STATUSTEXT_DATA {
     text(severity, &words)
 }
 
+/// News about the lookout's own outputs, which the pilot should know of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Notice {
+    /// Frames are not recorded: disk full, read-only, or gone.
+    RecordingStopped,
+    /// Frames are recorded again.
+    RecordingGoesOn,
+    /// A parameter was set but cannot be kept over a restart.
+    ParametersNotKept,
+    /// The signing times cannot be written: after a restart receivers may refuse what is sent.
+    SigningTimeNotKept,
+    /// A frame was rightly signed with a time more than a day ahead of ours, and refused.
+    ClockOfPeer,
+}
+
+impl Notice {
+    /// The text.
+    pub fn data(self) -> STATUSTEXT_DATA {
+        let (severity, words) = match self {
+            Self::RecordingStopped => {
+                (MavSeverity::MAV_SEVERITY_WARNING, "Lookout: recording stopped, disk full or gone")
+            }
+            Self::RecordingGoesOn => (MavSeverity::MAV_SEVERITY_INFO, "Lookout: recording goes on"),
+            Self::ParametersNotKept => {
+                (MavSeverity::MAV_SEVERITY_WARNING, "Lookout: parameter set, but lost at restart")
+            }
+            Self::SigningTimeNotKept => {
+                (MavSeverity::MAV_SEVERITY_WARNING, "Lookout: signing times not kept, see its log")
+            }
+            Self::ClockOfPeer => {
+                (MavSeverity::MAV_SEVERITY_WARNING, "Lookout: signed a day ahead, check the clocks")
+            }
+        };
+        text(severity, words)
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Told {
     track: u16,

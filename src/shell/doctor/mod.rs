@@ -15,7 +15,7 @@ pub use parameters::Purpose;
 use super::error::Error;
 use super::link::{self, LinkSpec, Links};
 use super::support::interrupt::{self, Ended};
-use crate::mavlink::component::{Destination, Outgoing};
+use crate::mavlink::component::{Destination, Outgoing, Priority};
 use crate::shell::support::print::print_line;
 use std::string::{String, ToString};
 use std::time::{Duration, Instant};
@@ -94,7 +94,7 @@ pub fn run(args: &DoctorArgs) -> Result<Ended, Error> {
             while let Some(payload) = examination.poll(now()) {
                 let message = Outgoing {
                     to: Destination::Link(index as u8),
-                    urgent: true,
+                    priority: Priority::Urgent,
                     system_id: examination.system(),
                     component_id: COMPONENT,
                     payload,

@@ -8,7 +8,7 @@ use super::error::Error;
 use super::link::{LinkSpec, Links};
 use super::support::clock::now_us;
 use super::support::interrupt::{self, Ended};
-use crate::mavlink::component::{Destination, Outgoing};
+use crate::mavlink::component::{Destination, Outgoing, Priority};
 use crate::shell::support::print::print_line;
 use client::{Client, Value};
 pub use client::{ParamsError, Wish};
@@ -86,7 +86,7 @@ pub fn run(args: &ParamsArgs) -> Result<Ended, Error> {
         while let Some(payload) = client.poll(now_us()) {
             let message = Outgoing {
                 to: Destination::All,
-                urgent: true,
+                priority: Priority::Urgent,
                 system_id: SYSTEM,
                 component_id: COMPONENT,
                 payload,

@@ -262,10 +262,17 @@ fn collision_yields_to_the_autopilot_s_own() {
         1
     );
     flight.sent.clear();
-    flight.hear(42, 1, &own);
-    flight.fly(9.0);
-    assert!(flight.of::<COLLISION_DATA>().is_empty());
+    // About another object, and about ours that it is none: both leave our own.
+    flight.hear(42, 1, &COLLISION_DATA { id: own.id + 1, ..own.clone() });
+    let none = MavCollisionThreatLevel::MAV_COLLISION_THREAT_LEVEL_NONE;
+    flight.hear(42, 1, &COLLISION_DATA { threat_level: none, ..own.clone() });
     flight.fly(3.0);
+    assert_eq!(flight.of::<COLLISION_DATA>().len(), 3);
+    flight.sent.clear();
+    flight.hear(42, 1, &own);
+    flight.fly(2.9);
+    assert!(flight.of::<COLLISION_DATA>().is_empty());
+    flight.fly(2.0);
     assert!(!flight.of::<COLLISION_DATA>().is_empty());
     // The danger is over: told as such, then no more.
     flight.seen[0].level = Level::None;
@@ -273,6 +280,72 @@ fn collision_yields_to_the_autopilot_s_own() {
     flight.fly(10.0);
     let over = flight.of::<COLLISION_DATA>();
     assert!((4..=6).contains(&over.len()) && over.iter().all(|c| c.2.threat_level as u8 == 0));
+}
+
+/// With a key, nothing that is not signed changes what is sent.
+#[test]
+fn what_is_signed_derives_from_what_is_signed() {
+    let messages = |forge: bool| {
+        let mut flight = flight();
+        let time_to_contact = Some(Estimate { value: I16F16::from_num(9), sigma: I16F16::ONE });
+        flight.seen.push(Traffic { level: Level::Warning, time_to_contact, ..traffic(5) });
+        for step in 0..500u32 {
+            if forge {
+                let sydney = GLOBAL_POSITION_INT_DATA {
+                    lat: -338_700_000,
+                    lon: 1_512_000_000,
+                    ..position(1)
+                };
+                let callsign = adsb::Callsign::of_track(196, 5);
+                let identity = adsb::Identity::new(196, 0, callsign, adsb::Assume::default());
+                let threat = adsb::collision(&flight.seen[0], &identity).unwrap();
+                let restart = SYSTEM_TIME_DATA { time_unix_usec: 1, time_boot_ms: step % 2 };
+                let question =
+                    TIMESYNC_DATA { tc1: 0, ts1: 7, target_system: 0, target_component: 0 };
+                let nowhere = GLOBAL_POSITION_INT_DATA { lat: 0, lon: 0, ..position(1) };
+                let frames = [
+                    raw(42, 1, &sydney),
+                    raw(42, 1, &nowhere),
+                    raw(42, 1, &threat),
+                    raw(42, 1, &restart),
+                    raw(42, 1, &attitude(1)),
+                    raw(43, 1, &autopilot_heartbeat()),
+                    raw(42, 1, &question),
+                ];
+                for frame in frames {
+                    flight.component.receive(1, &frame, Trust::Unsigned, flight.now);
+                }
+            }
+            flight.fly(0.04);
+        }
+        assert_eq!(flight.component.counters().refused, if forge { 3500 } else { 0 });
+        (flight.sent, flight.events)
+    };
+    assert_eq!(messages(false), messages(true));
+}
+
+/// Others may ask as much as they like: what is sent of traffic stays the same, in number and order.
+#[test]
+fn questions_cost_no_report() {
+    let reports = |questions: usize| {
+        let mut flight = flight();
+        let time_to_contact = Some(Estimate { value: I16F16::from_num(9), sigma: I16F16::ONE });
+        flight.seen.push(Traffic { level: Level::Warning, time_to_contact, ..traffic(5) });
+        for _ in 0..200 {
+            let list = PARAM_REQUEST_LIST_DATA { target_system: 0, target_component: 0 };
+            let time = TIMESYNC_DATA { tc1: 0, ts1: 7, target_system: 0, target_component: 0 };
+            for _ in 0..questions {
+                flight.hear(255, 190, &time);
+                flight.hear(255, 190, &list);
+            }
+            flight.fly(0.1);
+        }
+        flight.sent.retain(|(_, message)| message.priority != Priority::Answer);
+        flight.sent
+    };
+    let asked = reports(300);
+    assert!(asked.len() > 100);
+    assert_eq!(asked, reports(0));
 }
 
 #[test]

@@ -188,7 +188,7 @@ fn a_flood_is_bounded() {
     while flight.component.poll(flight.now).is_some() {
         answers += 1;
     }
-    assert!(answers <= 2 * OUTBOX, "{answers}");
+    assert!(answers <= OUTBOX + ANSWERS, "{answers}");
     assert!(flight.component.counters().overflow > 9_000);
 }
 

@@ -101,7 +101,7 @@ fn a_lost_autopilot_is_reported_within_three_seconds() {
     flight.fly(3.0);
     let text = flight.of::<STATUSTEXT_DATA>().pop().unwrap();
     assert_eq!(text.2.text.to_str(), Ok("Lookout: autopilot lost, no traffic on the map"));
-    assert!(text.0 - gone <= 3 * SECOND && text.1.urgent);
+    assert!(text.0 - gone <= 3 * SECOND && text.1.priority == Priority::Urgent);
     let beat = flight.of::<HEARTBEAT_DATA>().pop().unwrap();
     assert_eq!((beat.2.system_status as u8, beat.2.custom_mode), (5, 16));
     assert_eq!(flight.events, [Event::Lost]);
