@@ -4,13 +4,14 @@ use super::error::FormatError;
 use crate::camera::attitude::Attitude;
 use crate::camera::{Camera, Intrinsics};
 use crate::math::real::{PI, Real};
+use crate::shell::support::bounded_file;
 use crate::shell::support::file_error::FileError;
 use serde::{Deserialize, Serialize};
 use std::borrow::ToOwned;
+use std::format;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
-use std::{format, fs};
 
 /// Where a camera's numbers are from.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -103,7 +104,7 @@ impl CameraFile {
         let folders = [Some(input), input.parent()];
         for folder in folders.into_iter().flatten() {
             let path = folder.join("camera.json");
-            if let Ok(text) = fs::read_to_string(&path) {
+            if let Ok(text) = bounded_file::read_text(&path) {
                 let file = serde_json::from_str(&text);
                 return file
                     .map(Some)
@@ -153,7 +154,7 @@ struct Calibration {
 /// # Errors
 /// [`FileError::Read`], [`FormatError::Camera`] naming the field.
 pub fn read(path: &Path) -> Result<Camera, FormatError> {
-    let text = fs::read_to_string(path).map_err(FileError::read(path))?;
+    let text = bounded_file::read_text(path).map_err(FileError::read(path))?;
     let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
     let camera = if json { from_json(&text) } else { from_yaml(&text) };
     camera.map_err(|reason| FormatError::Camera { path: path.into(), reason })
@@ -245,6 +246,7 @@ pub(crate) fn number(name: &str, value: f64) -> Result<Real, String> {
 mod tests {
     use super::*;
     use fixed::types::I28F4;
+    use std::fs;
 
     const ROS: &str = "image_width: 640\nimage_height: 480\ncamera_name: narrow\ncamera_matrix:\n  rows: 3\n  cols: 3\n  \
         data: [560.5, 0, 319.5, 0, 561, 239.5, 0, 0, 1]\ndistortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  \

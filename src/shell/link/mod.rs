@@ -1,8 +1,8 @@
 //! Links to autopilots and ground stations: UDP, TCP, serial, several at once.
 //!
 //! Every link has a thread of its own that connects, reads and writes, and connects again after a failure, with growing
-//! pauses; a link that dies takes nothing else down. What is sent goes to all links, or to the one it is meant for; what
-//! arrives is not forwarded. Only MAVLink 2 is sent: MAVLink 1 would cut off the frame of OBSTACLE_DISTANCE.
+//! pauses; a link that fails affects no other. A message goes to all links or to one of them; received frames are not
+//! forwarded. Only MAVLink 2 is sent: MAVLink 1 would cut off the frame of OBSTACLE_DISTANCE.
 
 pub mod budget;
 pub mod params;
@@ -21,44 +21,44 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use mavlink_core::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, consts};
 use signing::Signing;
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use std::vec::Vec;
 use worker::{Shared, Worker};
 
-/// Frames heard that wait to be taken; more are lost and counted.
+/// Received frames that wait for the main loop at most; more are dropped and counted.
 const HEARD: usize = 1024;
 
 /// A frame that arrived.
 pub struct Inbound {
     /// Index of the link it came over.
     pub link: u8,
-    /// When it came, by [`crate::shell::support::clock::now_us`].
+    /// Time of arrival, microseconds of [`crate::shell::support::clock::now_us`].
     pub time_us: i64,
-    /// What its signature is worth.
+    /// Result of the check of its signature.
     pub trust: Trust,
     /// The frame, its checksum right.
     pub frame: MAVLinkMessageRaw,
 }
 
-/// How a link fares.
+/// Statistics of a link since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LinkStatus {
-    /// Whether it is open. A UDP link is open also while nobody is there.
+    /// Whether it is open. A UDP link is open also while nobody answers: see `heard_us`.
     pub connected: bool,
-    /// How often it was opened.
+    /// Number of times it was opened.
     pub opened: u32,
-    /// When the last frame was heard, by [`crate::shell::support::clock::now_us`].
+    /// Time of the last frame that was accepted, microseconds of [`crate::shell::support::clock::now_us`].
     pub heard_us: Option<i64>,
-    /// Frames given to it.
+    /// Frames queued to be sent.
     pub sent: u32,
-    /// Frames left out for its budget.
+    /// Frames left out because they exceeded its bandwidth.
     pub capped: u32,
-    /// Frames that waited too long, or while it was away.
+    /// Frames dropped from its queue, because it was too slow or closed.
     pub dropped: u32,
-    /// Frames heard that found no room.
+    /// Received frames dropped because the main loop was too slow.
     pub unheard: u32,
 }
 
@@ -89,63 +89,69 @@ pub struct Links {
     inbound: Receiver<Inbound>,
     sent: Arc<Mutex<Histogram>>,
     signing: Option<Arc<Mutex<Signing>>>,
-    stop: Arc<AtomicBool>,
 }
 
+/// How long the end of the links' threads is waited for; one that looks up a name is left to itself.
+const END: Duration = Duration::from_secs(1);
+
 impl Links {
-    /// Starts a thread for every link, at most 255. A link that cannot connect yet is tried again and again.
+    /// Starts a thread for every link, at most 255. A link that cannot connect tries again until it is dropped.
     pub fn open(specs: &[LinkSpec]) -> Self {
         Self::open_signed(specs, None)
     }
 
-    /// The same; with `signing` every frame sent is signed, and those heard are judged by their signatures.
+    /// The same; with `signing` every frame that is sent is signed, and the signature of every received one is checked.
     pub fn open_signed(specs: &[LinkSpec], signing: Option<Signing>) -> Self {
         let (heard, inbound) = bounded(HEARD);
         let signing = signing.map(|signing| Arc::new(Mutex::new(signing)));
-        let (stop, sent) = (Arc::default(), Arc::default());
-        let mut links = Self { links: Vec::new(), heard, inbound, sent, signing, stop };
-        links.start(specs);
+        let mut links = Self { links: Vec::new(), heard, inbound, sent: Arc::default(), signing };
+        links.reopen(specs);
         links
     }
 
-    /// Ends these links and starts others in their place; who listens hears those.
+    /// Replaces the links by those of `specs`; a link that stays the same goes on undisturbed. Waits for nothing: the
+    /// threads of links that are gone end by themselves, and a new link that needs their port tries until it is free.
     pub fn reopen(&mut self, specs: &[LinkSpec]) {
-        self.end();
-        self.stop = Arc::default();
-        self.start(specs);
-    }
-
-    fn start(&mut self, specs: &[LinkSpec]) {
+        let mut before: Vec<_> = self.links.drain(..).map(Some).collect();
         for (index, spec) in (0..u8::MAX).zip(specs) {
-            let shared = Arc::<Shared>::default();
-            let worker = Worker {
-                index,
-                spec: spec.clone(),
-                shared: shared.clone(),
-                stop: self.stop.clone(),
-                signing: self.signing.clone(),
-                inbound: self.heard.clone(),
-                sent: self.sent.clone(),
-            };
-            let name = std::format!("link {index}");
-            let thread = thread::Builder::new().name(name).spawn(move || worker.run());
-            if let Err(error) = &thread {
-                tracing::error!("link {spec}: no thread for it: {error}");
-            }
-            self.links.push(Link {
-                spec: spec.clone(),
-                shared,
-                budget: Budget::new(spec.bytes_per_second),
-                sequences: HashMap::new(),
-                sent: 0,
-                capped: 0,
-                thread: thread.ok(),
-            });
+            let place = before.get_mut(usize::from(index));
+            let same = place.and_then(|link| link.take_if(|link| link.spec == *spec));
+            let link = same.unwrap_or_else(|| self.start(index, spec));
+            self.links.push(link);
+        }
+        for link in before.into_iter().flatten() {
+            link.shared.stop.store(true, Ordering::Relaxed);
         }
     }
 
-    /// Sends `message` where it is to go. Never waits for a link: what goes beyond a link's budget is left out unless
-    /// urgent, and a full queue loses its oldest frame; both are counted.
+    fn start(&self, index: u8, spec: &LinkSpec) -> Link {
+        let shared = Arc::<Shared>::default();
+        let worker = Worker {
+            index,
+            spec: spec.clone(),
+            shared: shared.clone(),
+            signing: self.signing.clone(),
+            inbound: self.heard.clone(),
+            sent: self.sent.clone(),
+        };
+        let name = std::format!("link {index}");
+        let thread = thread::Builder::new().name(name).spawn(move || worker.run());
+        if let Err(error) = &thread {
+            tracing::error!("link {spec}: no thread for it: {error}");
+        }
+        Link {
+            spec: spec.clone(),
+            shared,
+            budget: Budget::new(spec.bytes_per_second),
+            sequences: HashMap::new(),
+            sent: 0,
+            capped: 0,
+            thread: thread.ok(),
+        }
+    }
+
+    /// Sends `message` to its destination. Never waits for a link: what exceeds a link's [`Budget`] is left out, and a full
+    /// queue loses its oldest frame; both are counted.
     pub fn send(&mut self, message: &Outgoing, now_us: i64) {
         self.send_about(message, now_us, None);
     }
@@ -165,7 +171,7 @@ impl Links {
             }
             let signature = if self.signing.is_some() { consts::v2::SIGNATURE_SIZE } else { 0 };
             let bytes = message.payload.frame_len() + signature;
-            if !link.budget.take(bytes, now_us, message.urgent) {
+            if !link.budget.take(bytes, now_us, message.priority) {
                 link.capped = link.capped.saturating_add(1);
                 continue;
             }
@@ -178,10 +184,7 @@ impl Links {
             );
             if let Some(signing) = &self.signing {
                 let mut signing = signing.lock().unwrap_or_else(PoisonError::into_inner);
-                if let Err(error) = signing.sign(&mut frame, index, signing::clock()) {
-                    tracing::error!("the signing time cannot be kept, nothing is sent: {error}");
-                    continue;
-                }
+                signing.sign(&mut frame, index, signing::clock());
             }
             *sequence = sequence.wrapping_add(1);
             link.sent = link.sent.saturating_add(1);
@@ -196,12 +199,12 @@ impl Links {
         self.inbound.recv_timeout(timeout).ok()
     }
 
-    /// Where frames that arrived wait, for those who wait for other things too.
+    /// Receiver of inbound frames, for `select!`.
     pub fn inbound(&self) -> &Receiver<Inbound> {
         &self.inbound
     }
 
-    /// For others who have frames to be heard, as a simulated vehicle.
+    /// Sender of inbound frames that come from no link, as those of a simulated vehicle.
     pub fn heard(&self) -> &Sender<Inbound> {
         &self.heard
     }
@@ -211,12 +214,26 @@ impl Links {
         self.sent.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// The links as they were asked for.
+    /// Whether frames are signed with times that cannot be kept over a restart.
+    pub fn is_signing_time_lost(&self) -> bool {
+        self.signing.as_ref().is_some_and(|signing| {
+            signing.lock().unwrap_or_else(PoisonError::into_inner).is_failing()
+        })
+    }
+
+    /// Whether a rightly signed frame was refused since the last call because its time is more than a day ahead.
+    pub fn take_refused_future(&self) -> bool {
+        self.signing.as_ref().is_some_and(|signing| {
+            signing.lock().unwrap_or_else(PoisonError::into_inner).take_refused_future()
+        })
+    }
+
+    /// Specifications of the links, in the order of their indices.
     pub fn specs(&self) -> impl Iterator<Item = &LinkSpec> {
         self.links.iter().map(|link| &link.spec)
     }
 
-    /// How a link fares; nothing of a link there is not.
+    /// Statistics of the link of this index; zeros if there is none.
     pub fn status(&self, link: u8) -> LinkStatus {
         let Some(link) = self.links.get(usize::from(link)) else { return LinkStatus::default() };
         LinkStatus {
@@ -231,19 +248,17 @@ impl Links {
     }
 }
 
-impl Links {
-    fn end(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        for thread in self.links.drain(..).filter_map(|link| link.thread) {
-            // A thread that panicked has said so.
-            let _ = thread.join();
-        }
-    }
-}
-
 impl Drop for Links {
     fn drop(&mut self) {
-        self.end();
+        for link in &self.links {
+            link.shared.stop.store(true, Ordering::Relaxed);
+        }
+        let until = Instant::now() + END;
+        for thread in self.links.drain(..).filter_map(|link| link.thread) {
+            while !thread.is_finished() && Instant::now() < until {
+                thread::sleep(Duration::from_millis(2));
+            }
+        }
     }
 }
 

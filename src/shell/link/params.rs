@@ -1,20 +1,20 @@
-//! Parameters that were set from afar, kept over a restart: a text file, a line `NAME VALUE` each.
+//! The file of parameters that ground stations set: text, one line `NAME VALUE` for each parameter.
 
 use crate::mavlink::component::parameters::{Parameter, Parameters};
-use crate::shell::support::atomic_file;
+use crate::shell::support::{atomic_file, bounded_file};
 use std::fmt::Write;
+use std::io;
 use std::path::Path;
 use std::string::String;
-use std::{fs, io};
 
-/// Reads what was kept; the defaults where there is no file. A line that names no parameter, or a value out of its
-/// range, is left out and told in the log: an old file must not keep the lookout on the ground.
+/// Reads the file; the defaults where there is none. A line with an unknown parameter or a value out of range is logged and
+/// left out: an old file must not keep the lookout on the ground.
 ///
 /// # Errors
-/// The system's, where there is a file that cannot be read.
+/// As [`bounded_file::read`], where there is a file.
 pub fn load(path: &Path) -> io::Result<Parameters> {
     let mut parameters = Parameters::default();
-    let text = match fs::read(path) {
+    let text = match bounded_file::read(path, bounded_file::TEXT) {
         Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(parameters),
         Err(error) => return Err(error),
@@ -47,18 +47,24 @@ pub fn load(path: &Path) -> io::Result<Parameters> {
 /// # Errors
 /// The system's.
 pub fn save(path: &Path, parameters: &Parameters) -> io::Result<()> {
+    atomic_file::write(path, text(parameters).as_bytes())
+}
+
+/// All parameters as text.
+pub fn text(parameters: &Parameters) -> String {
     let mut text = String::new();
     for parameter in Parameter::all() {
         // The shortest digits that give the same number again.
         let _ = writeln!(text, "{} {}", parameter.name(), parameters.wire(parameter));
     }
-    atomic_file::write(path, text.as_bytes())
+    text
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use std::fs;
     use std::vec::Vec;
 
     #[test]

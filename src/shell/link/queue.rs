@@ -1,17 +1,17 @@
-//! Frames that wait for a link's thread.
+//! Queue of frames to be sent over one link.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::vec::Vec;
 
-/// Frames that wait at most: about a second of everything.
+/// Capacity in frames: about a second of all messages.
 pub const WAITING: usize = 128;
 
-/// A frame, and when the picture that it is due to was taken.
+/// A frame, and the exposure time of the picture that it is about, in microseconds.
 pub type Waiting = (Vec<u8>, Option<i64>);
 
-/// A bounded queue of frames. The oldest give way to the newest, and are counted: news is worth more than history.
+/// A bounded queue of frames. Where it is full the oldest frame is dropped and counted: the newest is the most useful.
 #[derive(Debug, Default)]
 pub struct Queue {
     frames: Mutex<VecDeque<Waiting>>,
@@ -24,7 +24,7 @@ impl Queue {
         self.frames.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a frame. Never waits for the link.
+    /// Adds a frame; never blocks.
     pub fn push(&self, frame: &[u8], exposed_us: Option<i64>) {
         let mut frames = self.frames();
         if frames.len() >= WAITING {
@@ -34,19 +34,19 @@ impl Queue {
         frames.push_back((frame.into(), exposed_us));
     }
 
-    /// The oldest frame.
+    /// Takes the oldest frame.
     pub fn pop(&self) -> Option<Waiting> {
         self.frames().pop_front()
     }
 
-    /// Throws away all frames, as when a link comes back: they are of the past.
+    /// Drops all frames, as when a link is opened again: they are out of date.
     pub fn clear(&self) {
         let mut frames = self.frames();
         self.dropped.fetch_add(frames.len() as u32, Ordering::Relaxed);
         frames.clear();
     }
 
-    /// Frames that were never sent.
+    /// Frames dropped since the start.
     pub fn dropped(&self) -> u32 {
         self.dropped.load(Ordering::Relaxed)
     }

@@ -4,16 +4,16 @@ use std::fmt;
 use std::str::FromStr;
 use std::string::{String, ToString};
 
-/// Where a link leads.
+/// Address of the other end of a link, or of our own end where it is called.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
-    /// Sends UDP datagrams to `HOST:PORT`, hears what comes back.
+    /// Sends UDP datagrams to `HOST:PORT`, receives those that come back.
     UdpOut(String),
-    /// Hears UDP datagrams at `HOST:PORT`, answers everyone heard of late.
+    /// Receives UDP datagrams at `HOST:PORT`; sends to everyone who sent a valid frame within the last 10 s.
     UdpIn(String),
     /// Connects to `HOST:PORT`.
     TcpOut(String),
-    /// Waits at `HOST:PORT` for one connection at a time.
+    /// Accepts up to four connections at `HOST:PORT`.
     TcpIn(String),
     /// A serial port.
     Serial {
@@ -24,16 +24,17 @@ pub enum Address {
     },
 }
 
-/// A link and what may be sent over it.
+/// A link and its bandwidth.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LinkSpec {
-    /// Where it leads.
+    /// Address.
     pub address: Address,
-    /// Most bytes a second, answers and warnings aside. Half of what a serial port carries, 20 000 elsewhere.
+    /// Bytes a second for everything but answers, see [`super::budget::Budget`]. Half of the capacity of a serial port, 20 000
+    /// elsewhere.
     pub bytes_per_second: u32,
 }
 
-/// Why a link's words are not understood.
+/// Error of a link specification.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "link '{text}': {reason}; write udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD"
@@ -41,7 +42,7 @@ pub struct LinkSpec {
 pub struct LinkSpecError {
     /// The words.
     pub text: String,
-    /// What is wrong.
+    /// The part that is missing or wrong.
     pub reason: &'static str,
 }
 

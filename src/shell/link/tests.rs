@@ -1,13 +1,12 @@
 use super::*;
 use crate::mavlink::component::parameters::Parameters;
-use crate::mavlink::component::{Component, Config};
+use crate::mavlink::component::{Component, Config, Priority};
 use crate::mavlink::dialect::{Frames, SYSTEM_TIME_DATA};
 use crate::mavlink::messages::Payload;
 use mavlink_core::MavlinkReader;
 use proptest::prelude::*;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
-use std::time::Instant;
 
 const WAIT: Duration = Duration::from_secs(20);
 
@@ -20,7 +19,8 @@ fn payload(number: u32) -> Payload {
 }
 
 fn message(number: u32, to: Destination) -> Outgoing {
-    Outgoing { to, urgent: true, system_id: 1, component_id: 196, payload: payload(number) }
+    let priority = Priority::Urgent;
+    Outgoing { to, priority, system_id: 1, component_id: 196, payload: payload(number) }
 }
 
 fn frame(number: u32) -> Vec<u8> {

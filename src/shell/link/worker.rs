@@ -1,16 +1,14 @@
 //! The thread of one link.
 
-use super::queue::Queue;
+use super::queue::{Queue, WAITING};
 use super::signing::{self, Signing};
-use super::transport::{Transport, is_idle};
+use super::transport::Transport;
 use super::{Inbound, LinkSpec};
 use crate::mavlink::component::Trust;
-use crate::mavlink::dialect::Frames;
 use crate::shell::support::clock::now_us;
 use crate::shell::support::histogram::Histogram;
 use crossbeam_channel::Sender;
-use mavlink_core::MavlinkReader;
-use mavlink_core::error::MessageReadError;
+use mavlink_core::MAVLinkMessageRaw;
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -24,14 +22,18 @@ const LAST_WAIT: Duration = Duration::from_secs(5);
 /// A link that held so long starts with the first wait again.
 const HELD: Duration = Duration::from_secs(5);
 
-/// Frames read before it is looked whether any are to be written.
-const READS: usize = 32;
+/// Reads before frames are written again, and how long they may take; both bound what input that never pauses can do.
+/// Input beyond 8 reads of 4 kB in 10 ms, 3 MB/s, has to wait.
+const READS: usize = 8;
+const TURN: Duration = Duration::from_millis(10);
 
-/// What a link's thread shares with those who send.
+/// State that a link's thread shares with the sending side.
 #[derive(Debug, Default)]
 pub struct Shared {
-    /// What is to be sent.
+    /// Frames to be sent.
     pub queue: Queue,
+    /// Whether the link is to end.
+    pub stop: AtomicBool,
     /// Whether the link is open.
     pub connected: AtomicBool,
     /// When the last frame was heard; 0: none yet.
@@ -47,7 +49,6 @@ pub struct Worker {
     pub index: u8,
     pub spec: LinkSpec,
     pub shared: Arc<Shared>,
-    pub stop: Arc<AtomicBool>,
     pub signing: Option<Arc<Mutex<Signing>>>,
     pub inbound: Sender<Inbound>,
     pub sent: Arc<Mutex<Histogram>>,
@@ -62,7 +63,7 @@ impl Worker {
             let error = match Transport::open(&self.spec.address) {
                 Ok(transport) => {
                     tracing::info!("link {}: open", self.spec);
-                    // What waited is of the past.
+                    // Frames that waited are out of date.
                     self.shared.queue.clear();
                     self.shared.opened.fetch_add(1, Ordering::Relaxed);
                     self.shared.connected.store(true, Ordering::Relaxed);
@@ -88,48 +89,64 @@ impl Worker {
     }
 
     fn stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.shared.stop.load(Ordering::Relaxed)
     }
 
-    /// Reads and writes until something fails.
-    fn serve(&self, transport: Transport) -> io::Error {
-        let mut reader = MavlinkReader::new(transport);
-        loop {
-            for _ in 0..READS {
-                match reader.read_any_raw_message_with_dialect(&Frames) {
-                    Ok(frame) => {
-                        let trust = match &self.signing {
-                            None => Trust::Open,
-                            Some(signing) => signing
-                                .lock()
-                                .unwrap_or_else(PoisonError::into_inner)
-                                .verify(&frame, signing::clock()),
-                        };
-                        let time_us = now_us();
-                        self.shared.heard_us.store(time_us, Ordering::Relaxed);
-                        let heard = Inbound { link: self.index, time_us, trust, frame };
-                        if self.inbound.try_send(heard).is_err() {
-                            self.shared.unheard.fetch_add(1, Ordering::Relaxed);
-                        }
-                    }
-                    Err(MessageReadError::Io(error)) if is_idle(&error) => break,
-                    Err(MessageReadError::Io(error)) => return error,
-                    // Raw frames are not parsed.
-                    Err(MessageReadError::Parse(_)) => break,
-                }
-            }
-            while let Some((frame, exposed_us)) = self.shared.queue.pop() {
-                if let Err(error) = reader.get_mut().send(&frame) {
-                    return error;
-                }
-                if let Some(exposed_us) = exposed_us {
-                    let mut sent = self.sent.lock().unwrap_or_else(PoisonError::into_inner);
-                    sent.add(now_us() - exposed_us);
-                }
-            }
-            if self.stopped() {
-                return io::ErrorKind::ConnectionAborted.into();
+    /// Reads and writes in turns until something fails.
+    fn serve(&self, mut transport: Transport) -> io::Error {
+        while !self.stopped() {
+            if let Err(error) = self.read(&mut transport).and_then(|()| self.write(&mut transport))
+            {
+                return error;
             }
         }
+        io::ErrorKind::ConnectionAborted.into()
+    }
+
+    fn read(&self, transport: &mut Transport) -> io::Result<()> {
+        let start = Instant::now();
+        for _ in 0..READS {
+            if !transport.receive(&mut |frame| self.accept(frame))? {
+                return Ok(());
+            }
+            if start.elapsed() >= TURN {
+                return Ok(());
+            }
+        }
+        thread::sleep(TURN.saturating_sub(start.elapsed()));
+        Ok(())
+    }
+
+    /// Hands a frame over; `false` where its signature is wrong or missing.
+    fn accept(&self, frame: MAVLinkMessageRaw) -> bool {
+        let trust = match &self.signing {
+            None => Trust::Open,
+            Some(signing) => signing
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .verify(&frame, signing::clock()),
+        };
+        let good = matches!(trust, Trust::Open | Trust::Signed);
+        let time_us = now_us();
+        if good {
+            self.shared.heard_us.store(time_us, Ordering::Relaxed);
+        }
+        let heard = Inbound { link: self.index, time_us, trust, frame };
+        if self.inbound.try_send(heard).is_err() {
+            self.shared.unheard.fetch_add(1, Ordering::Relaxed);
+        }
+        good
+    }
+
+    fn write(&self, transport: &mut Transport) -> io::Result<()> {
+        for _ in 0..WAITING {
+            let Some((frame, exposed_us)) = self.shared.queue.pop() else { break };
+            transport.send(&frame)?;
+            if let Some(exposed_us) = exposed_us {
+                let mut sent = self.sent.lock().unwrap_or_else(PoisonError::into_inner);
+                sent.add(now_us() - exposed_us);
+            }
+        }
+        Ok(())
     }
 }

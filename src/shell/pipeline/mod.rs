@@ -16,6 +16,7 @@ use super::support::interrupt::{self, Ended};
 use crate::detector::{Buffers, Config, Detections, Detector};
 use crate::model::calibration::ONE;
 use crate::model::{Method, Model};
+use crate::shell::support::bounded_file;
 use crate::shell::support::file_error::FileError;
 use difference::Difference;
 use methods::MethodName;
@@ -143,6 +144,9 @@ fn parse_score(text: &str) -> Result<i32, String> {
     }
 }
 
+/// Most bytes of a model file; the shipped one has less than 1 MB.
+const MOST_BYTES: u64 = 64 << 20;
+
 /// The bytes of a model and where they are from.
 #[derive(Debug, Clone)]
 pub struct ModelFile {
@@ -158,7 +162,8 @@ impl ModelFile {
     pub fn load(path: Option<&Path>) -> Result<Self, PipelineError> {
         match path {
             Some(path) => {
-                let bytes = fs::read(path).map_err(FileError::read(path))?.into();
+                let bytes =
+                    bounded_file::read(path, MOST_BYTES).map_err(FileError::read(path))?.into();
                 Ok(Self { path: path.into(), bytes })
             }
             None => Ok(Self { path: "the shipped model".into(), bytes: SHIPPED.into() }),

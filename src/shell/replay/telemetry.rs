@@ -81,19 +81,19 @@ fn parse_start(text: &str) -> Result<f64, &'static str> {
     seconds.ok_or("expected a number of seconds")
 }
 
-/// Signatures with the key in `path`; the signing time is kept in `path`.time.
+/// Signatures with the key in the file `key`; the signing times are kept in `time`, by default `key`.time.
 ///
 /// # Errors
 /// [`FileError::Read`].
-pub fn signing_with(path: &Path) -> Result<Signing, Error> {
-    let key = signing::read_key(path).map_err(Error::read(path))?;
-    let mut time = path.to_path_buf().into_os_string();
-    time.push(".time");
-    let time = Path::new(&time);
-    Signing::new(key, Some(time), signing::clock()).map_err(Error::read(time))
+pub fn signing_with(key: &Path, time: Option<&Path>) -> Result<Signing, Error> {
+    let bytes = signing::read_key(key).map_err(Error::read(key))?;
+    let mut beside = key.to_path_buf().into_os_string();
+    beside.push(".time");
+    let time = time.unwrap_or(Path::new(&beside));
+    Signing::new(bytes, Some(time), signing::clock()).map_err(Error::read(time))
 }
 
-/// Puts what happened to the component since the last call into the log.
+/// Logs the component's events since the last call.
 pub fn log_events(onboard: &mut Onboard) {
     while let Some(event) = onboard.event() {
         match event {
@@ -109,7 +109,11 @@ pub fn log_events(onboard: &mut Onboard) {
                 let system_id = onboard.component().system_id();
                 tracing::warn!(system_id, "autopilot restarted");
             }
-            Event::Parameter(_) | Event::Attitude { .. } => {}
+            Event::Parameter(parameter) => {
+                let value = onboard.component().parameters().wire(parameter);
+                tracing::info!("parameter {} set to {value}", parameter.name());
+            }
+            Event::Attitude { .. } => {}
         }
     }
 }
@@ -159,7 +163,8 @@ impl Telemetry {
             let file = File::create(path).map_err(Error::write(path))?;
             Ok::<_, Error>((path.clone(), BufWriter::new(file)))
         };
-        let signing = args.signing_key.as_deref().map(signing_with).transpose()?;
+        let signing = args.signing_key.as_deref();
+        let signing = signing.map(|key| signing_with(key, None)).transpose()?;
         Ok(Self {
             feed: feed.peekable(),
             first_us,

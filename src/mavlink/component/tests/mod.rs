@@ -5,9 +5,9 @@ mod vehicles;
 
 use super::*;
 use crate::mavlink::dialect::*;
-use crate::mavlink::messages::Blind;
 use crate::mavlink::messages::payload::Payload;
 use crate::mavlink::messages::tests::traffic;
+use crate::mavlink::messages::{Blind, adsb};
 use crate::tracking::traffic::Estimate;
 use std::vec::Vec;
 
