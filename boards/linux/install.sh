@@ -45,6 +45,8 @@ if [ -e "$root/etc/lookout/lookout.toml" ]; then
   echo "kept: /etc/lookout/lookout.toml"
 else
   install -D -m 644 "$here/$board.toml" "$root/etc/lookout/lookout.toml"
+  # A token may be in it: for root and for the service, which is in this group.
+  [ -n "$root" ] || { chgrp dialout /etc/lookout/lookout.toml && chmod 640 /etc/lookout/lookout.toml; }
   echo "settings for $board: /etc/lookout/lookout.toml"
 fi
 tell systemctl daemon-reload
