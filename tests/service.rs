@@ -7,106 +7,18 @@ mod golden;
 #[allow(dead_code, reason = "every test binary uses a part of it")]
 #[path = "common/live.rs"]
 mod live;
+#[allow(dead_code, reason = "every test binary uses a part of it")]
+#[path = "common/service.rs"]
+mod service;
 
 use live::{ACTIVE, Ground, PATIENCE, listed};
 use lookout::mavlink::dialect::MavMessage;
+use service::{Service, lookout, settings};
 use std::fs;
-use std::io::{BufRead, BufReader, Read};
 use std::os::unix::net::UnixDatagram;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
-use std::sync::{Arc, Mutex};
-use std::thread::{self, JoinHandle};
+use std::path::Path;
+use std::process::Output;
 use std::time::{Duration, Instant};
-use tempfile::TempDir;
-
-fn lookout(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_lookout"));
-    command.args(args).env_remove("LOOKOUT_LOG").env_remove("NOTIFY_SOCKET");
-    command
-}
-
-/// A service under way; ended with the test.
-struct Service {
-    child: Child,
-    /// What it said on standard error so far, and the thread that takes it down.
-    log: Arc<Mutex<String>>,
-    scribe: Option<JoinHandle<()>>,
-    folder: TempDir,
-}
-
-impl Service {
-    fn config(folder: &TempDir) -> PathBuf {
-        folder.path().join("lookout.toml")
-    }
-
-    /// Starts it with these settings; a word for FOLDER is put in.
-    fn start(text: &str, prepare: impl FnOnce(&mut Command, &Path)) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let config = Self::config(&folder);
-        let place = folder.path().to_str().unwrap();
-        fs::write(&config, text.replace("FOLDER", place)).unwrap();
-        let mut command = lookout(&["run", "--config", config.to_str().unwrap()]);
-        command.stdout(Stdio::piped()).stderr(Stdio::piped());
-        prepare(&mut command, folder.path());
-        let mut child = command.spawn().unwrap();
-        let log = Arc::<Mutex<String>>::default();
-        let (lines, written) = (BufReader::new(child.stderr.take().unwrap()).lines(), log.clone());
-        let scribe = thread::spawn(move || {
-            lines.for_each(|line| *written.lock().unwrap() += &format!("{}\n", line.unwrap()));
-        });
-        Self { child, log, scribe: Some(scribe), folder }
-    }
-
-    /// Waits until it says these words on standard error.
-    fn wait_log(&self, words: &str) {
-        let start = Instant::now();
-        while !self.log.lock().unwrap().contains(words) {
-            assert!(start.elapsed() < PATIENCE, "no {words} in {}", self.log.lock().unwrap());
-            thread::sleep(Duration::from_millis(20));
-        }
-    }
-
-    fn signal(&self, name: &str) {
-        let id = self.child.id().to_string();
-        assert!(Command::new("kill").args([&format!("-{name}"), &id]).status().unwrap().success());
-    }
-
-    /// Waits for its end; status, standard output and errors.
-    fn ended(mut self) -> (Option<i32>, String, String, TempDir) {
-        let start = Instant::now();
-        let status = loop {
-            match self.child.try_wait().unwrap() {
-                Some(status) => break status,
-                None if start.elapsed() > PATIENCE => panic!("it does not end"),
-                None => thread::sleep(Duration::from_millis(20)),
-            }
-        };
-        let mut out = String::new();
-        self.child.stdout.take().unwrap().read_to_string(&mut out).unwrap();
-        self.scribe.take().unwrap().join().unwrap();
-        let err = self.log.lock().unwrap().clone();
-        let folder = std::mem::replace(&mut self.folder, tempfile::tempdir().unwrap());
-        (status.code(), out, err, folder)
-    }
-}
-
-impl Drop for Service {
-    fn drop(&mut self) {
-        // Both fail only when it has ended already.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// A small simulated flight again and again.
-fn settings(ground: &Ground) -> String {
-    format!(
-        "source = 'simulate:hover'\nrepeat = true\nlinks = ['{}']\nthreads = 1\n\
-         [camera]\nwidth = 160\nheight = 120\nrate = 15\n",
-        ground.link()
-    )
-}
 
 fn told(output: &Output) -> String {
     assert_eq!(output.status.code(), Some(1));
@@ -187,8 +99,9 @@ fn it_ends_by_sigterm_with_everything_whole() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let digest = String::from_utf8(output.stdout).unwrap();
     assert!(out.contains(&format!("digest {}", digest.trim())), "{digest} in {out}");
-    for file in listed(&segment.join("frames")) {
-        assert!(!file.file_name().unwrap().to_str().unwrap().starts_with('.'), "{file:?} is half");
+    for entry in fs::read_dir(segment.join("frames")).unwrap() {
+        let name = entry.unwrap().file_name();
+        assert!(!name.to_str().unwrap().starts_with('.'), "{name:?} is half");
     }
 }
 

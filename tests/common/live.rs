@@ -173,6 +173,20 @@ impl Ground {
         }
     }
 
+    /// Listens for some time; the heartbeats heard, and the longest time without one.
+    pub fn beats(&mut self, time: Duration) -> (usize, Duration) {
+        let start = Instant::now();
+        let (mut count, mut last, mut longest) = (0, start, Duration::ZERO);
+        while start.elapsed() < time {
+            if let Some(MavMessage::HEARTBEAT(_)) = self.hear() {
+                count += 1;
+                longest = longest.max(last.elapsed());
+                last = Instant::now();
+            }
+        }
+        (count, longest.max(last.elapsed()))
+    }
+
     /// Waits for a text with these words.
     pub fn wait_text(&mut self, words: &str) -> String {
         let text = |message: &MavMessage| match message {
@@ -227,15 +241,27 @@ impl Run {
         self.ended()
     }
 
+    /// Whether it has ended.
+    pub fn is_finished(&self) -> bool {
+        self.thread.is_finished()
+    }
+
+    /// Whether it ended by a panic; waits for its end.
+    pub fn panicked(self) -> bool {
+        self.thread.join().is_err()
+    }
+
     /// Waits for its own end.
     pub fn ended(self) -> Summary {
         self.thread.join().unwrap().unwrap()
     }
 }
 
-/// Folders and files in a folder, by name.
+/// Folders and files in a folder, by name, without hidden ones.
 pub fn listed(folder: &Path) -> Vec<PathBuf> {
-    let mut entries: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    let hidden = |path: &Path| path.file_name().unwrap().as_encoded_bytes().starts_with(b".");
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut entries: Vec<_> = entries.filter(|path| !hidden(path)).collect();
     entries.sort();
     entries
 }

@@ -398,6 +398,19 @@ fn others_need_the_token() {
 }
 
 #[test]
+fn guesses_are_limited() {
+    const TOKEN: &str = "a-token-of-enough-letters";
+    let preview = start(Some(TOKEN));
+    let status = |token: &str| get(&preview, &format!("/state.json?token={token}")).status;
+    assert_eq!(status(TOKEN), 200);
+    // A page goes on asking with what was entered.
+    assert!((0..50).all(|_| status("wrong") == 401));
+    assert!((0..19).all(|guess| status(&format!("guess-{guess}")) == 401));
+    assert_eq!(status("another"), 429);
+    assert_eq!(status(TOKEN), 429, "not even compared");
+}
+
+#[test]
 fn a_name_made_to_lead_here_is_refused() {
     let preview = start(None);
     let port = preview.address().port();

@@ -242,6 +242,7 @@ def check_signing():
     key = bytes(range(32))
     with open(path("key"), "w") as file:
         file.write(key.hex())
+    os.chmod(path("key"), 0o600)
     place = port()
     station = Station(place, key)
     flight = lookout(*REPLAY, "--link", f"udpout:127.0.0.1:{place}", "--signing-key", path("key"))
@@ -268,7 +269,7 @@ def check_signing():
     assert all(m.get_signed() for m in station.heard)
     station.link.close()
     # A board without a clock of its own: signatures go on from the time that was kept, here a day ahead.
-    ahead = int(open(path("key") + ".time").read()) + 24 * 3600 * 100_000
+    ahead = int(open(path("key") + ".time").readline()) + 24 * 3600 * 100_000
     with open(path("key") + ".time", "w") as file:
         file.write(str(ahead))
     place = port()

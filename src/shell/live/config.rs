@@ -6,15 +6,16 @@ use crate::shell::error::Error;
 use crate::shell::formats::camera_file::{CameraArgs, CameraFile};
 use crate::shell::formats::error::FormatError;
 use crate::shell::link::LinkSpec;
+use crate::shell::support::bounded_file;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::format;
 use std::net::SocketAddr;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
-use std::{format, fs};
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
 
@@ -30,6 +31,7 @@ pub struct Config {
     pub heartbeat_type: String,
     pub camera_component: Option<u8>,
     pub signing_key: Option<PathBuf>,
+    pub signing_time: Option<PathBuf>,
     pub parameters: Option<PathBuf>,
     pub model: Option<PathBuf>,
     pub threads: usize,
@@ -88,7 +90,7 @@ impl Config {
     /// # Errors
     /// [`FileError::Read`]; [`FormatError::Line`] naming line and key.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        let text = fs::read_to_string(path).map_err(Error::read(path))?;
+        let text = bounded_file::read_text(path).map_err(Error::read(path))?;
         Self::parse(path, &text)
     }
 
@@ -186,8 +188,8 @@ fn check(prefix: &str, places: &DeTable<'_>, values: &Table) -> Result<(), (usiz
         let value = values.get(name.get_ref().as_ref());
         match (keys::find(&full), place.get_ref(), value) {
             (Some(key), _, Some(value)) => {
-                let told = |reason| (start(place), format!("{full}: {reason}"));
-                key.check(value).map_err(told)?;
+                let named = |reason| (start(place), format!("{full}: {reason}"));
+                key.check(value).map_err(named)?;
             }
             (None, DeValue::Table(inner), Some(Value::Table(value)))
                 if KEYS.iter().any(|key| key.name.starts_with(&format!("{full}."))) =>
@@ -211,6 +213,9 @@ fn check(prefix: &str, places: &DeTable<'_>, values: &Table) -> Result<(), (usiz
 fn start(place: &Spanned<DeValue<'_>>) -> usize {
     place.span().start
 }
+
+/// The key whose value is not shown.
+const SECRET: &str = "preview_token";
 
 /// All keys explained, with the values of `config` or their defaults: a file that can be used.
 pub fn print(config: Option<&Config>) -> String {
@@ -236,6 +241,7 @@ pub fn print(config: Option<&Config>) -> String {
         let _ = writeln!(text, "# Expected: {}. Default: {default}.{reload}", key.expected());
         let value = config.map_or(Some(key.default.into()), |config| config.value(key.name));
         let _ = match value.filter(|value| !value.is_empty()) {
+            Some(_) if key.name == SECRET => writeln!(text, "# {name} = (set, not shown)"),
             Some(value) => writeln!(text, "{name} = {value}"),
             None => writeln!(text, "# {name} ="),
         };

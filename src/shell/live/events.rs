@@ -1,8 +1,8 @@
-//! The event log: why did it warn? For every alert a line of JSON and a picture of what was seen.
+//! The event log, which explains every alert: a line of JSON and a picture of the st-cube.
 //!
 //! An alert is a track whose level rises. Its line waits a second for the messages about it: they are part of it.
 
-use super::ring::Ring;
+use super::ring::{self, Ring};
 use super::worker::Seen;
 use super::writer::Writer;
 use crate::channels::window::SLICES;
@@ -40,7 +40,7 @@ const FOLDERS: u64 = 8;
 const ABOUT_TRAFFIC: [u32; 5] = [246, 247, 253, 330, 11037];
 
 /// A line of the log.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 struct Event {
     /// Microseconds since 1970 at which the frame was taken.
     time_us: i64,
@@ -56,11 +56,11 @@ struct Event {
     frame: serde_json::Value,
     /// The slices of the st-cube, oldest first, beside this file.
     picture: String,
-    /// What was sent within a second: milliseconds after the frame, message, bytes.
+    /// Messages sent within a second of the frame.
     sent: Vec<Sent>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 struct Sent {
     after_ms: f64,
     message: &'static str,
@@ -93,12 +93,16 @@ impl Events {
     pub fn open(root: &Path, bytes: u64) -> io::Result<Self> {
         let mut ring = Ring::open(root)?;
         // The folder shows now, not at the first alert, that it can be written.
-        ring.start()?;
-        ring.wrote(0, usize::MAX, bytes)?;
+        while let Err(error) = ring.start() {
+            if !ring::is_full(&error) || !ring.give_way(1) {
+                return Err(error);
+            }
+        }
+        ring.wrote(0, usize::MAX, bytes);
         let mut number = 0;
         let write = move |alert| {
             number += 1;
-            write(&mut ring, bytes, number, alert)
+            write(&mut ring, bytes, number, &alert)
         };
         Ok(Self {
             writer: Writer::start("event log", PENDING, write)?,
@@ -213,21 +217,38 @@ impl Drop for Events {
     }
 }
 
-/// Writes an alert: the picture first, so that no line names one that is not there.
-fn write(ring: &mut Ring, limit: u64, number: u64, mut alert: Alert) -> io::Result<()> {
+/// Writes an alert, for which older ones give way where the disk is full.
+fn write(ring: &mut Ring, limit: u64, number: u64, alert: &Alert) -> io::Result<()> {
+    loop {
+        match try_write(ring, limit, number, alert) {
+            Err(error) if ring::is_full(&error) && ring.give_way(1) => {}
+            written => return written,
+        }
+    }
+}
+
+/// The picture first, so that no line names one that is not there.
+fn try_write(ring: &mut Ring, limit: u64, number: u64, alert: &Alert) -> io::Result<()> {
     if ring.current_bytes() >= limit / FOLDERS {
         ring.start()?;
     }
     let Some(folder) = ring.current().map(Path::to_path_buf) else { return Ok(()) };
-    alert.event.picture =
-        format!("{number:06}-track{}-{}.png", alert.event.track, alert.event.level);
+    let picture = format!("{number:06}-track{}-{}.png", alert.event.track, alert.event.level);
     let slices: Vec<_> = alert.frames.iter().map(|(frame, moved)| (&**frame, *moved)).collect();
     let (png, _) = strip::picture(&slices, &alert.rect);
-    fs::write(folder.join(&alert.event.picture), &png)?;
-    let mut line = serde_json::to_vec(&alert.event)?;
+    let mut line = serde_json::to_vec(&Event { picture: picture.clone(), ..alert.event.clone() })?;
     line.push(b'\n');
-    let mut file =
-        OpenOptions::new().create(true).append(true).open(folder.join("events.jsonl"))?;
-    file.write_all(&line)?;
-    ring.wrote((png.len() + line.len()) as u64, usize::MAX, limit)
+    let picture = folder.join(picture);
+    let append = || {
+        fs::write(&picture, &png)?;
+        let log = folder.join("events.jsonl");
+        let mut file = OpenOptions::new().create(true).append(true).open(log)?;
+        let before = file.metadata()?.len();
+        // Half a line would spoil the next one.
+        file.write_all(&line).inspect_err(|_| drop(file.set_len(before)))
+    };
+    // Without its line a picture says nothing.
+    append().inspect_err(|_| drop(fs::remove_file(&picture)))?;
+    ring.wrote((png.len() + line.len()) as u64, usize::MAX, limit);
+    Ok(())
 }

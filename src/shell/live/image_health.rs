@@ -1,4 +1,4 @@
-//! Whether anything can be seen in the frames: too dark, glare, frozen, blurred.
+//! Health of the picture: too dark, glare, frozen, blurred.
 //!
 //! Each reason must last before it counts, and must be gone for as long before it does not. A picture is blurred when it
 //! has strong edges and even the steepest of them rise slowly: a night sky or a plain one has none, and tells nothing.
@@ -15,26 +15,26 @@ const DARK: u8 = 20;
 const WHITE: u8 = 250;
 /// Rows and columns from one sample to the next.
 const STEP: usize = 4;
-/// So many of a thousand pixels make a picture too dark, or a glare; and fewer than this many make it well again.
+/// Pixels in a thousand that make a picture too dark or a glare, and below which it is well again.
 const DARK_SHARE: [u32; 2] = [980, 950];
 const WHITE_SHARE: [u32; 2] = [700, 600];
 /// Pixels along which an edge is looked for.
 const EDGE: usize = 24;
 /// Grey levels by which its ends differ at least.
 const HEIGHT: u32 = 40;
-/// Fewer edges in a thousand places tell nothing.
+/// Edges in a thousand places below which sharpness is not assessed.
 const EDGES: u32 = 10;
 /// Below the first the steepest tenth of the edges makes a picture blurred, from the second on it is sharp again.
 const STEEP: [u32; 2] = [7, 8];
-/// How long a reason must last, and be gone, microseconds.
+/// Time for which a reason must hold, or be absent, microseconds.
 const LASTING_US: i64 = 1_000_000;
 
-/// What is measured in one frame.
+/// Measurements of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Measures {
-    /// Of a thousand pixels so many are dark.
+    /// Dark pixels in a thousand.
     pub dark: u32,
-    /// Of a thousand pixels so many are white.
+    /// White pixels in a thousand.
     pub white: u32,
     /// By how many sixteenths of its height the steepest tenth of the edges rises within two pixels; `None` where there
     /// are too few edges.

@@ -1,7 +1,8 @@
-//! Every key of the settings: what it means, its unit, default and range, and whether a reload takes it.
+//! Every key of the settings: meaning, unit, default, range, and whether a reload (SIGHUP) applies a change.
 
 use crate::mavlink::messages::adsb::Callsign;
 use crate::shell::link::LinkSpec;
+use crate::shell::preview::is_token;
 use crate::shell::simulate::Kind as Flight;
 use clap::ValueEnum;
 use std::format;
@@ -9,39 +10,39 @@ use std::net::SocketAddr;
 use std::string::{String, ToString};
 use toml::Value;
 
-/// What a key's value must be.
+/// Type and range of a key's value.
 #[derive(Debug, Clone, Copy)]
 pub enum Kind {
-    /// Words, and what is wrong with them.
+    /// Text, and a check that gives the error, or nothing for the general one.
     Text(fn(&str) -> Result<(), String>),
-    /// A list of such words.
+    /// A list of texts.
     Texts(fn(&str) -> Result<(), String>),
-    /// A whole number from the first to the last.
+    /// A whole number in an inclusive range.
     Whole(i64, i64),
-    /// A number from the first to the last.
+    /// A number in an inclusive range.
     Number(f64, f64),
-    /// So many numbers, each from the first to the last.
+    /// A list of this length of numbers in an inclusive range.
     Numbers(usize, f64, f64),
     /// `true` or `false`.
     Switch,
-    /// A table of whole numbers, whose names are the camera's.
+    /// A table of whole numbers; its names are controls of the camera.
     Wholes,
 }
 
 /// A key of the settings.
 #[derive(Debug, Clone, Copy)]
 pub struct Key {
-    /// Its name; with a point where it stands in a table.
+    /// Name; `TABLE.NAME` for a key in a table.
     pub name: &'static str,
-    /// What it may be.
+    /// Type and range.
     pub kind: Kind,
-    /// What its value is in, or looks like.
+    /// Unit, or form of the value.
     pub unit: &'static str,
-    /// Its default as TOML; nothing where it is left out by default.
+    /// Default as TOML; empty where the key has none.
     pub default: &'static str,
-    /// Whether a reload takes it; the others wait for a restart.
+    /// Whether a reload applies a change; otherwise a restart does.
     pub reload: bool,
-    /// What it is for.
+    /// Meaning, one or two sentences.
     pub about: &'static str,
 }
 
@@ -109,7 +110,15 @@ pub const KEYS: &[Key] = &[
         unit: "file of 64 hexadecimal digits",
         default: "",
         reload: false,
-        about: "Sign what is sent, refuse unsigned commands. The signing time is kept in FILE.time.",
+        about: "Sign what is sent, and ignore what is not signed with this key. Other users must not be able to read the file.",
+    },
+    Key {
+        name: "signing_time",
+        kind: Kind::Text(any),
+        unit: "file",
+        default: "",
+        reload: false,
+        about: "Where the signing times are kept over a restart; left out: in FILE.time, FILE being the signing key.",
     },
     Key {
         name: "parameters",
@@ -185,11 +194,11 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "preview_token",
-        kind: Kind::Text(any),
+        kind: Kind::Text(token),
         unit: "16 to 256 letters, digits, - . _ ~",
         default: "",
         reload: true,
-        about: "Who asks for the page must give this word. Needed where `preview` is not a loopback address.",
+        about: "Word that a browser must give to see the page. Needed where `preview` is not a loopback address.",
     },
     Key {
         name: "traffic.assume",
@@ -279,7 +288,7 @@ pub fn find(name: &str) -> Option<&'static Key> {
 }
 
 impl Key {
-    /// What belongs there, in words.
+    /// The expected value in words, for messages.
     pub fn expected(&self) -> String {
         let range = match self.kind {
             Kind::Text(_) => return self.unit.into(),
@@ -293,10 +302,10 @@ impl Key {
         if self.unit.is_empty() { range } else { format!("{range}, in {}", self.unit) }
     }
 
-    /// Whether `value` may stand there.
+    /// Checks a value.
     ///
     /// # Errors
-    /// What is wrong, without the key's name.
+    /// The reason, without the key's name.
     pub fn check(&self, value: &Value) -> Result<(), String> {
         let wrong = || format!("expected {}", self.expected());
         let text = |check: fn(&str) -> Result<(), String>, value: &Value| {
@@ -320,6 +329,10 @@ impl Key {
         };
         if good { Ok(()) } else { Err(wrong()) }
     }
+}
+
+fn token(text: &str) -> Result<(), String> {
+    if is_token(text) { Ok(()) } else { Err(String::new()) }
 }
 
 fn any(_: &str) -> Result<(), String> {

@@ -7,6 +7,7 @@ mod events;
 pub mod image_health;
 pub mod keys;
 mod live_source;
+pub mod log;
 mod mailbox;
 mod notify;
 mod outputs;
@@ -24,9 +25,13 @@ use super::error::Error;
 use super::support::interrupt::{self, Ended};
 use crate::shell::support::print::print_line;
 use config::Config;
+use service::ServiceError;
 use std::eprintln;
 use std::path::{Path, PathBuf};
 use std::string::ToString;
+use std::sync::atomic::Ordering;
+use std::thread;
+use std::time::Duration;
 
 /// Command-line arguments of `lookout run`.
 #[derive(Debug, Clone, clap::Args)]
@@ -38,6 +43,27 @@ pub struct RunArgs {
     #[arg(long)]
     print_config: bool,
 }
+
+/// How long an end may take: less than the 10 s after which a manager or `docker stop` kills.
+const END: Duration = Duration::from_secs(5);
+
+/// Ends the program if it does not end by itself in time after an order to stop, as where a read of a source never returns.
+fn end_at_last(control: &interrupt::Control) -> std::io::Result<()> {
+    let stop = control.stop.clone();
+    let wait = move || {
+        while !stop.load(Ordering::Relaxed) {
+            thread::sleep(Duration::from_millis(50));
+        }
+        thread::sleep(END);
+        tracing::error!("the source does not end within 5 s: ended without it");
+        thread::sleep(Duration::from_millis(100));
+        std::process::exit(STUCK_STATUS);
+    };
+    thread::Builder::new().name("end".into()).spawn(wait).map(drop)
+}
+
+/// The exit status of a service that had to be ended.
+const STUCK_STATUS: i32 = 1;
 
 /// Runs the service.
 ///
@@ -56,6 +82,7 @@ pub fn run(args: &RunArgs) -> Result<Ended, Error> {
         tracing::warn!("{}", check::NOTHING);
     }
     let control = interrupt::watch_service()?;
+    end_at_last(&control).map_err(|source| ServiceError::Thread { source })?;
     let summary = service::run(config.clone(), &|| Config::read(path), &control, &source::open)?;
     print_line(summary.to_string().trim_end())?;
     Ok(Ended::Complete)

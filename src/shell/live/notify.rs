@@ -1,4 +1,4 @@
-//! What a service tells its manager: ready, alive, how it is, about to end.
+//! Messages to the service manager: ready, watchdog, status, stopping.
 //!
 //! Source of the protocol: sd_notify(3), datagrams of `NAME=VALUE` lines to the socket named by NOTIFY_SOCKET.
 
@@ -9,12 +9,12 @@ use std::format;
 use std::os::unix::net::UnixDatagram;
 use std::string::String;
 
-/// The manager's socket; without a manager nothing is told.
+/// The manager's socket; without one nothing is sent.
 #[derive(Debug, Default)]
 pub struct Notify {
     #[cfg(unix)]
     socket: Option<UnixDatagram>,
-    /// Microseconds after which the manager takes silence for a hang.
+    /// WATCHDOG_USEC: silence after which the manager restarts the service, microseconds.
     watchdog_us: Option<i64>,
     fed_us: i64,
     status: String,
@@ -40,7 +40,7 @@ impl Notify {
         }
     }
 
-    fn tell(&self, words: &str) {
+    fn send(&self, words: &str) {
         #[cfg(unix)]
         if let Some(socket) = &self.socket {
             // A manager that does not listen must not stop the lookout.
@@ -48,37 +48,37 @@ impl Notify {
         }
     }
 
-    /// The work has begun.
+    /// The service is ready.
     pub fn ready(&self) {
-        self.tell("READY=1");
+        self.send("READY=1");
     }
 
-    /// Settings are read again; [`Notify::ready`] follows.
+    /// A reload begins; [`Notify::ready`] ends it.
     pub fn reloading(&self) {
-        self.tell(&format!("RELOADING=1\nMONOTONIC_USEC={}", now_us()));
+        self.send(&format!("RELOADING=1\nMONOTONIC_USEC={}", now_us()));
     }
 
-    /// The end has begun.
+    /// The service stops.
     pub fn stopping(&self) {
-        self.tell("STOPPING=1");
+        self.send("STOPPING=1");
     }
 
-    /// How it is, in one line; the same is not told twice.
+    /// State in one line; sent where it differs from the last one.
     pub fn status(&mut self, words: String) {
         if words != self.status {
-            self.tell(&format!("STATUS={words}"));
+            self.send(&format!("STATUS={words}"));
             self.status = words;
         }
     }
 
-    /// Whether the watchdog is hungry: a third of its patience is over.
-    pub fn is_hungry(&self) -> bool {
+    /// Whether a third of WATCHDOG_USEC has passed since the last [`Notify::feed`].
+    pub fn is_due(&self) -> bool {
         self.watchdog_us.is_some_and(|patience| now_us() - self.fed_us >= patience / 3)
     }
 
-    /// All is well.
+    /// Resets the watchdog.
     pub fn feed(&mut self) {
-        self.tell("WATCHDOG=1");
+        self.send("WATCHDOG=1");
         self.fed_us = now_us();
     }
 }

@@ -1,4 +1,6 @@
-//! What is kept and shown beside the links: event log, recording, page.
+//! Outputs that are not needed to watch: event log, recording, page.
+//!
+//! None of them keeps the lookout from starting or from watching: one that cannot be opened is logged and tried again.
 
 use super::capture::Camera;
 use super::config::Config;
@@ -20,10 +22,13 @@ use std::format;
 use std::string::String;
 use std::vec::Vec;
 
-/// How it is, for the page.
+/// Time between two attempts to open an output, microseconds.
+const AGAIN_US: i64 = 5_000_000;
+
+/// State of the lookout, for the page.
 #[derive(Debug, Clone)]
 pub struct Condition {
-    /// As the heartbeat tells it.
+    /// As in the heartbeat.
     pub state: State,
     /// Why nothing can be seen, if so.
     pub blind: Blind,
@@ -35,73 +40,128 @@ pub struct Condition {
     pub latency: Vec<(&'static str, i64, i64)>,
 }
 
-/// The three of them, each where the settings ask for it.
-#[derive(Default)]
+/// One output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Events,
+    Recorder,
+    Preview,
+}
+
+impl Kind {
+    const ALL: [Self; 3] = [Self::Events, Self::Recorder, Self::Preview];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Events => "event log",
+            Self::Recorder => "recording",
+            Self::Preview => "page",
+        }
+    }
+}
+
+/// The three outputs, each open where the settings name it.
 pub struct Outputs {
+    config: Config,
+    /// The camera file of the source.
+    own: Option<CameraFile>,
+    /// Least score of the detections that are recorded.
+    least_score: i32,
     events: Option<Events>,
     recorder: Option<Recorder>,
     preview: Option<Preview>,
-    /// Least score of the detections that are recorded.
-    least_score: i32,
+    /// Whether the last attempt to open failed, by [`Kind`], and when the next one is due.
+    failed: [bool; Kind::ALL.len()],
+    next_us: i64,
     /// What the page shows, less the picture.
     shown: Snapshot,
 }
 
 impl Outputs {
-    /// Opens what the settings ask for; `own` is what the source knows of its camera, `least_score` the detector's.
-    ///
-    /// # Errors
-    /// [`FileError::Write`], [`Error::Preview`].
-    pub fn open(
-        config: &Config,
-        own: Option<&CameraFile>,
-        least_score: i32,
-    ) -> Result<Self, Error> {
-        let mut outputs = Self { least_score, ..Self::default() };
-        outputs.open_events(config)?;
-        outputs.open_recorder(config, own)?;
-        outputs.open_preview(config)?;
-        Ok(outputs)
+    /// Opens what the settings name. `own` is the camera file of the source, `least_score` the detector's.
+    pub fn open(config: &Config, own: Option<&CameraFile>, least_score: i32) -> Self {
+        let mut outputs = Self {
+            config: config.clone(),
+            own: own.cloned(),
+            least_score,
+            events: None,
+            recorder: None,
+            preview: None,
+            failed: Default::default(),
+            next_us: 0,
+            shown: Snapshot::default(),
+        };
+        Kind::ALL.into_iter().for_each(|kind| outputs.reopen(kind));
+        outputs
     }
 
-    fn open_events(&mut self, config: &Config) -> Result<(), Error> {
-        // What was open is complete before it is opened again, here and below.
+    /// Opens an output anew; the first failure in a row is logged, and the success after it.
+    fn reopen(&mut self, kind: Kind) {
+        let opened = match kind {
+            Kind::Events => self.open_events(),
+            Kind::Recorder => self.open_recorder(),
+            Kind::Preview => self.open_preview(),
+        };
+        let failed = std::mem::replace(&mut self.failed[kind as usize], opened.is_err());
+        match opened {
+            Err(error) if !failed => {
+                tracing::error!("{}: {error}; tried again every 5 s", kind.name());
+            }
+            Ok(()) if failed => tracing::info!("{}: open", kind.name()),
+            _ => {}
+        }
+    }
+
+    fn open_events(&mut self) -> Result<(), Error> {
+        // The one that was open is complete before it is opened again, here and below.
         self.events = None;
-        let bytes = config.event_log_megabytes.saturating_mul(1_000_000);
+        let bytes = self.config.event_log_megabytes.saturating_mul(1_000_000);
         let open = |path| Events::open(path, bytes).map_err(Error::write(path));
-        self.events = config.event_log.as_deref().map(open).transpose()?;
+        self.events = self.config.event_log.as_deref().map(open).transpose()?;
         Ok(())
     }
 
-    fn open_recorder(&mut self, config: &Config, own: Option<&CameraFile>) -> Result<(), Error> {
+    fn open_recorder(&mut self) -> Result<(), Error> {
         self.recorder = None;
-        let score = self.least_score;
+        let (config, own, score) = (&self.config, self.own.as_ref(), self.least_score);
         let open = |path| Recorder::open(path, config, own, score).map_err(Error::write(path));
         self.recorder = config.record.as_deref().map(open).transpose()?;
         Ok(())
     }
 
-    fn open_preview(&mut self, config: &Config) -> Result<(), Error> {
+    fn open_preview(&mut self) -> Result<(), Error> {
         self.preview = None;
-        let start = |address| Preview::start(address, config.preview_token.clone());
-        self.preview = config.preview.map(start).transpose().map_err(Error::verb)?;
+        let token = &self.config.preview_token;
+        let start = |address| Preview::start(address, token.clone());
+        self.preview = self.config.preview.map(start).transpose().map_err(Error::verb)?;
         if let Some(preview) = &self.preview {
             tracing::info!("page: http://{}/", preview.address());
         }
         Ok(())
     }
 
-    /// Opens anew what the changed settings are about. What fails is told, and stays off.
+    /// Opens anew what the changed settings are about, and what failed before.
     pub fn reload(&mut self, config: &Config, own: Option<&CameraFile>, changes: &[&Key]) {
+        self.config = config.clone();
+        self.own = own.cloned();
         let about = |prefix: &str| changes.iter().any(|key| key.name.starts_with(prefix));
-        let events = if about("event_log") { self.open_events(config) } else { Ok(()) };
-        let recorder =
-            about("record") || (self.recorder.is_some() && (about("camera.") || about("source")));
-        let recorder = if recorder { self.open_recorder(config, own) } else { Ok(()) };
-        let preview = if about("preview") { self.open_preview(config) } else { Ok(()) };
-        for error in [events, recorder, preview].into_iter().filter_map(Result::err) {
-            tracing::error!("{error}");
+        let source = self.recorder.is_some() && (about("camera.") || about("source"));
+        for kind in Kind::ALL {
+            let changed = match kind {
+                Kind::Events => about("event_log"),
+                Kind::Recorder => about("record") || source,
+                Kind::Preview => about("preview"),
+            };
+            if changed || self.failed[kind as usize] {
+                self.reopen(kind);
+            }
         }
+    }
+
+    /// Whether frames should be recorded and are not.
+    pub fn is_recording_lost(&self) -> bool {
+        let recorder = self.recorder.as_ref();
+        self.config.record.is_some() && recorder.is_none_or(Recorder::is_failing)
     }
 
     /// Takes a message that was heard.
@@ -144,10 +204,18 @@ impl Outputs {
         preview.publish(Snapshot { picture, ..self.shown.clone() });
     }
 
-    /// Time goes on, and with it what waits.
+    /// Writes events whose delay has elapsed, and tries again what could not be opened.
     pub fn tick(&mut self, now_us: i64) {
         if let Some(events) = &mut self.events {
             events.tick(now_us);
+        }
+        if self.failed.contains(&true) && now_us >= self.next_us {
+            self.next_us = now_us + AGAIN_US;
+            for kind in Kind::ALL {
+                if self.failed[kind as usize] {
+                    self.reopen(kind);
+                }
+            }
         }
     }
 

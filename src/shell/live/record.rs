@@ -3,11 +3,11 @@
 //! A segment is a folder: `frames/` with the pictures and their times, `telemetry.tlog` with all that was heard and said,
 //! `detections.jsonl` with what was found and followed, `parameters.txt`, `camera.json` where the source knows its camera,
 //! and `replay.txt` with the command that finds the same. The detector remembers the frames before: a later segment begins
-//! with the last ones of the segment before it, of which nothing is told. Detections come out the same bit for bit; tracks
+//! with the last ones of the segment before it, for which no detections are printed. Detections come out the same bit for bit; tracks
 //! too, but made anew in each segment, and with a vehicle's telemetry only nearly: a replay hears that by its own times.
 
 use super::config::Config;
-use super::ring::Ring;
+use super::ring::{self, Ring};
 use super::worker::Seen;
 use super::writer::Writer;
 use crate::mavlink::component::parameters::Parameters;
@@ -23,11 +23,11 @@ use image::{ExtendedColorType, ImageEncoder};
 use mavlink_core::MAVLinkMessageRaw;
 use std::collections::VecDeque;
 use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::string::String;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::vec::Vec;
 use std::{format, mem};
 
@@ -38,6 +38,8 @@ const FRAMES: usize = 30;
 const ITEMS: usize = 1024;
 /// Messages kept for the segment that begins with an earlier frame.
 const BEFORE: usize = 1024;
+/// Time from a frame that could not be written to the next that is tried, microseconds.
+const AGAIN_US: i64 = 1_000_000;
 /// Frames after which a detector finds what one finds that has run for ever: its slices reach 10 frames back, and what it
 /// keeps of scores and sizes fades by half each frame.
 const LEAD: usize = 64;
@@ -69,13 +71,14 @@ struct Recorded {
 pub struct Recorder {
     writer: Writer<Item>,
     waiting: Arc<AtomicUsize>,
+    failing: Arc<AtomicBool>,
     /// Whether every frame since the segment began was handed over.
     whole: bool,
 }
 
 impl Recorder {
     /// Records into a folder, as the settings say; `own` is what the source knows of its camera, `least_score` that of the
-    /// detections that are told.
+    /// detections that are recorded.
     ///
     /// # Errors
     /// The system's.
@@ -98,7 +101,10 @@ impl Recorder {
             segment: None,
             before: VecDeque::new(),
             heartbeat: None,
+            failing: Arc::default(),
+            again_us: None,
         };
+        let failing = files.failing.clone();
         let waiting = Arc::<AtomicUsize>::default();
         let done = waiting.clone();
         let write = move |item| {
@@ -110,7 +116,12 @@ impl Recorder {
             written
         };
         let writer = Writer::start("recording", ITEMS, write)?;
-        Ok(Self { writer, waiting, whole: true })
+        Ok(Self { writer, waiting, failing, whole: true })
+    }
+
+    /// Whether frames cannot be written at present.
+    pub fn is_failing(&self) -> bool {
+        self.failing.load(Ordering::Relaxed)
     }
 
     /// Takes a frame, its number in the run, what is followed in it, and under which parameters.
@@ -171,7 +182,7 @@ fn command(config: &Config, least_score: i32) -> String {
     command
 }
 
-/// What the writing thread works on.
+/// State of the writing thread.
 struct Files {
     ring: Ring,
     segments: usize,
@@ -185,23 +196,56 @@ struct Files {
     before: VecDeque<(i64, Vec<u8>)>,
     /// The last one of the autopilot: a replay must know it before anything else.
     heartbeat: Option<Vec<u8>>,
+    /// Whether the last frame could not be written, and before which frame time it is not tried again.
+    failing: Arc<AtomicBool>,
+    again_us: Option<i64>,
+}
+
+/// A file that is appended to. A part that does not fit leaves it as it was.
+struct Growing {
+    file: File,
+    len: u64,
+}
+
+impl Growing {
+    fn create(path: &Path) -> io::Result<Self> {
+        Ok(Self { file: File::create(path)?, len: 0 })
+    }
+
+    fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let written = self.file.write_all(bytes);
+        match written {
+            Ok(()) => self.len += bytes.len() as u64,
+            Err(_) => self.cut(self.len),
+        }
+        written
+    }
+
+    /// Goes back to an earlier length.
+    fn cut(&mut self, len: u64) {
+        // Giving room back does not fail; a file that is gone is not read either.
+        let _ = self.file.set_len(len).and_then(|()| self.file.seek(SeekFrom::Start(len)));
+        self.len = len;
+    }
 }
 
 /// The segment that is written.
 struct Segment {
     folder: PathBuf,
-    /// Of its first picture, and of the first one that was not taken over.
+    /// Time of its first picture, and of the first one that is not from the segment before.
     first_us: i64,
     begun_us: i64,
     size: (usize, usize),
     frames: u64,
-    /// Frames to come of which nothing is told.
+    /// Whether it has a frame that the segment before has not.
+    own: bool,
+    /// Frames to come for which no detections are recorded.
     lead: usize,
     /// The last pictures and their times.
     last: VecDeque<(String, i64)>,
-    times: File,
-    telemetry: File,
-    lines: File,
+    times: Growing,
+    telemetry: Growing,
+    lines: Growing,
 }
 
 impl Files {
@@ -212,8 +256,12 @@ impl Files {
                     self.heartbeat = Some(bytes.clone());
                 }
                 if let Some(segment) = &mut self.segment {
-                    tlog::write(&mut segment.telemetry, time_us + self.unix_us, &bytes)?;
-                    self.ring.wrote(bytes.len() as u64 + 8, self.segments, self.bytes)?;
+                    let mut record = Vec::new();
+                    tlog::write(&mut record, time_us + self.unix_us, &bytes)?;
+                    // A disk that is full is noticed, and said, with the next frame.
+                    if segment.telemetry.append(&record).is_ok() {
+                        self.ring.wrote(record.len() as u64, self.segments, self.bytes);
+                    }
                 }
                 if self.before.len() == BEFORE {
                     self.before.pop_front();
@@ -222,42 +270,75 @@ impl Files {
                 Ok(())
             }
             Item::Frame(recorded) => {
-                let Recorded { frame, line, .. } = &recorded;
-                let goes_on = self.segment.as_ref().is_some_and(|segment| {
-                    recorded.whole
-                        && segment.size == (frame.width, frame.height)
-                        && frame.time_us - segment.begun_us < SEGMENT_US
-                });
-                if !goes_on {
-                    // Where it cannot be begun, the next frame tries again.
-                    let before = self.segment.take();
-                    self.segment = Some(self.begin(&recorded, before)?);
+                let now_us = recorded.frame.time_us;
+                if self.again_us.is_some_and(|again| (again - AGAIN_US..again).contains(&now_us)) {
+                    return Ok(());
                 }
-                let Some(segment) = &mut self.segment else { return Ok(()) };
-                let written = segment.write(frame, line);
-                if written.is_err() {
-                    // A segment with a hole would not replay.
-                    self.segment = None;
+                let mut written = self.frame(&recorded);
+                // As much of the past gives way as the present needs, but never the last whole segment.
+                while written.as_ref().is_err_and(ring::is_full)
+                    && self.ring.give_way(1 + usize::from(self.segment.is_some()))
+                {
+                    written = self.frame(&recorded);
                 }
-                self.ring.wrote(written?, self.segments, self.bytes)
+                self.again_us = written.is_err().then_some(now_us + AGAIN_US);
+                let failing = self.failing.swap(written.is_err(), Ordering::Relaxed);
+                match written {
+                    Ok(()) if failing => tracing::info!("recording goes on"),
+                    Err(error) => {
+                        // A segment with a hole would not replay, one without a frame is no segment.
+                        if self.segment.take().is_some_and(|segment| !segment.own) {
+                            self.ring.abandon();
+                        }
+                        if !failing {
+                            tracing::error!("recording stopped, tried again every second: {error}");
+                        }
+                    }
+                    Ok(()) => {}
+                }
+                Ok(())
             }
         }
     }
 
-    /// Begins a segment with a frame, after the segment that was written until now.
-    fn begin(&mut self, recorded: &Recorded, before: Option<Segment>) -> io::Result<Segment> {
+    /// Writes a frame, to a new segment where the one before has ended.
+    fn frame(&mut self, recorded: &Recorded) -> io::Result<()> {
+        let Recorded { frame, line, .. } = recorded;
+        let goes_on = self.segment.as_ref().is_some_and(|segment| {
+            recorded.whole
+                && segment.size == (frame.width, frame.height)
+                && frame.time_us - segment.begun_us < SEGMENT_US
+        });
+        if !goes_on {
+            let folder = self.ring.start()?.to_path_buf();
+            match self.begin(folder, recorded) {
+                Ok(segment) => self.segment = Some(segment),
+                Err(error) => {
+                    self.ring.abandon();
+                    return Err(error);
+                }
+            }
+        }
+        let Some(segment) = &mut self.segment else { return Ok(()) };
+        let written = segment.write(frame, line)?;
+        self.ring.wrote(written, self.segments, self.bytes);
+        Ok(())
+    }
+
+    /// Begins a segment in `folder` with a frame, after the segment that was written until now.
+    fn begin(&mut self, folder: PathBuf, recorded: &Recorded) -> io::Result<Segment> {
+        let before = self.segment.as_ref();
         let frame = &recorded.frame;
         let size = (frame.width, frame.height);
         // A detector that begins remembers nothing. Of one that goes on the frames before are here, or, after a gap, the
         // next ones have to do.
-        let begins = recorded.number == 1 || before.as_ref().is_some_and(|b| b.size != size);
+        let begins = recorded.number == 1 || before.is_some_and(|b| b.size != size);
         let before = before.filter(|_| recorded.whole && !begins);
-        let lead = match &before {
+        let lead = match before {
             Some(before) => before.last.len(),
             None if begins => 0,
             None => LEAD,
         };
-        let folder = self.ring.start()?.to_path_buf();
         fs::create_dir(folder.join("frames"))?;
         let lead_in = if lead > 0 { format!(" --lead {lead}") } else { String::new() };
         fs::write(folder.join("replay.txt"), format!("{}{lead_in}\n", self.command))?;
@@ -265,23 +346,26 @@ impl Files {
         if let Some(camera) = &self.camera {
             fs::write(folder.join("camera.json"), camera)?;
         }
-        let oldest = before.as_ref().and_then(|before| before.last.front());
+        let oldest = before.and_then(|before| before.last.front());
         let first_us = oldest.map_or(frame.time_us, |(_, time_us)| *time_us);
-        let create = |name: &str| File::create(folder.join(name));
-        let mut telemetry = create("telemetry.tlog")?;
+        let create = |name: &str| Growing::create(&folder.join(name));
+        let mut records = Vec::new();
         // The first message is of the time of the first frame: there a replay begins.
         if let Some(first) = self.heartbeat.as_ref().or(self.before.back().map(|(_, bytes)| bytes))
         {
-            tlog::write(&mut telemetry, first_us + self.unix_us, first)?;
+            tlog::write(&mut records, first_us + self.unix_us, first)?;
         }
         for (time_us, bytes) in self.before.iter().filter(|(time, _)| *time >= first_us) {
-            tlog::write(&mut telemetry, time_us + self.unix_us, bytes)?;
+            tlog::write(&mut records, time_us + self.unix_us, bytes)?;
         }
+        let mut telemetry = create("telemetry.tlog")?;
+        telemetry.append(&records)?;
         let mut segment = Segment {
             first_us,
             begun_us: frame.time_us,
             size,
             frames: 0,
+            own: false,
             lead: if before.is_some() { 0 } else { lead },
             last: VecDeque::new(),
             times: create("frames/times.csv")?,
@@ -289,16 +373,37 @@ impl Files {
             telemetry,
             folder,
         };
-        let taken_over = before.map_or(Ok(0), |before| segment.take_over(&before))?;
-        self.ring.wrote(taken_over, self.segments, self.bytes)?;
+        let taken_over = before.map_or(Ok(0), |before| segment.take_over(before))?;
+        self.ring.wrote(taken_over, self.segments, self.bytes);
         Ok(segment)
     }
 }
 
 impl Segment {
-    /// Writes a frame; gives the bytes that it took.
+    /// Writes a frame; gives the bytes that it took. Where a part of it does not fit, nothing of it is left.
     fn write(&mut self, frame: &Frame, line: &str) -> io::Result<u64> {
-        let name = self.next_name();
+        let (times, lines) = (self.times.len, self.lines.len);
+        let name = format!("{:06}.png", self.frames + 1);
+        let written = self.picture(&name, frame, line);
+        match &written {
+            Ok(_) => {
+                self.frames += 1;
+                self.own = true;
+                self.lead = self.lead.saturating_sub(1);
+            }
+            Err(_) => {
+                self.times.cut(times);
+                self.lines.cut(lines);
+                for name in [format!(".{name}"), name] {
+                    // It may not have come so far.
+                    let _ = fs::remove_file(self.folder.join("frames").join(name));
+                }
+            }
+        }
+        written
+    }
+
+    fn picture(&mut self, name: &str, frame: &Frame, line: &str) -> io::Result<u64> {
         let mut png = Vec::new();
         // Of a noisy picture nothing more is gained by harder work.
         PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Up)
@@ -309,17 +414,15 @@ impl Segment {
                 ExtendedColorType::L8,
             )
             .map_err(io::Error::other)?;
-        let path = self.folder.join("frames").join(&name);
+        let path = self.folder.join("frames").join(name);
         // A picture cut off by a loss of power must not stop a replay; hidden ones are not read.
         let hidden = self.folder.join("frames").join(format!(".{name}"));
         fs::write(&hidden, &png)?;
-        self.note(name, frame.time_us)?;
+        self.note_time(name, frame.time_us)?;
+        let line = if self.lead > 0 { "" } else { line };
+        self.lines.append(line.as_bytes())?;
         fs::rename(hidden, path)?;
-        if self.lead > 0 {
-            self.lead -= 1;
-            return Ok(png.len() as u64);
-        }
-        self.lines.write_all(line.as_bytes())?;
+        self.remember(name, frame.time_us);
         Ok((png.len() + line.len()) as u64)
     }
 
@@ -328,29 +431,27 @@ impl Segment {
     fn take_over(&mut self, before: &Self) -> io::Result<u64> {
         let mut bytes = 0;
         for (old, time_us) in &before.last {
-            let name = self.next_name();
+            self.frames += 1;
+            let name = format!("{:06}.png", self.frames);
             let old = before.folder.join("frames").join(old);
             let new = self.folder.join("frames").join(&name);
             fs::hard_link(&old, &new).or_else(|_| fs::copy(&old, &new).map(drop))?;
             bytes += fs::metadata(new)?.len();
-            self.note(name, *time_us)?;
+            self.note_time(&name, *time_us)?;
+            self.remember(&name, *time_us);
         }
         Ok(bytes)
     }
 
-    fn next_name(&mut self) -> String {
-        self.frames += 1;
-        format!("{:06}.png", self.frames)
+    fn note_time(&mut self, name: &str, time_us: i64) -> io::Result<()> {
+        self.times.append(format!("{name},{}\n", time_us - self.first_us).as_bytes())
     }
 
-    /// Notes the time of a picture.
-    fn note(&mut self, name: String, time_us: i64) -> io::Result<()> {
-        let time = format!("{name},{}\n", time_us - self.first_us);
-        self.times.write_all(time.as_bytes())?;
+    /// Keeps the name and time of a picture for the next segment.
+    fn remember(&mut self, name: &str, time_us: i64) {
         if self.last.len() == LEAD {
             self.last.pop_front();
         }
-        self.last.push_back((name, time_us));
-        Ok(())
+        self.last.push_back((name.into(), time_us));
     }
 }

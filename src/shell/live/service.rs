@@ -1,7 +1,7 @@
 //! The loop of a live lookout: frames looked at and messages heard come in, messages go out.
 //!
-//! Three threads share the work: one takes frames, one runs the detector, and this one tracks, judges and speaks. It waits
-//! for neither of them, nor for a link, which has a thread of its own.
+//! Three threads share the work: capture, detector, and this one, which tracks, assesses threats and sends messages. It
+//! waits for neither of them, nor for a link or a disk, which have threads of their own.
 
 use super::capture::{Camera, Capture};
 use super::config::Config;
@@ -18,6 +18,7 @@ use crate::mavlink::lookout::Onboard;
 use crate::mavlink::messages::Blind;
 use crate::mavlink::messages::adsb::{Assume, Callsign};
 use crate::mavlink::messages::status::{HeartbeatType, State};
+use crate::mavlink::messages::text::Notice;
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::link::{Inbound, LinkSpec, Links, params};
@@ -26,11 +27,14 @@ use crate::shell::replay::telemetry::{self, signing_with};
 use crate::shell::support::clock::now_us;
 use crate::shell::support::histogram::Histogram;
 use crate::shell::support::interrupt::Control;
+use crate::shell::support::keeper::Keeper;
 use crate::tracking::tracker;
 use crossbeam_channel::{Receiver, bounded, select};
 use std::fmt;
 use std::format;
 use std::io;
+use std::panic::resume_unwind;
+use std::path::Path;
 use std::string::String;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
@@ -58,10 +62,14 @@ impl From<ServiceError> for Error {
 const TICK: Duration = Duration::from_millis(20);
 /// Frames that were looked at and wait to be tracked.
 const WAITING: usize = 2;
+/// Time between two texts about what fails, and between two about the same, microseconds: one that was sent before a
+/// link was open is lost.
+const NOTICE_US: i64 = 1_000_000;
+const NOTICE_AGAIN_US: i64 = 60_000_000;
 /// From one line about the state to the next, microseconds.
 const STATUS_US: i64 = 1_000_000;
 
-/// What a run did.
+/// Totals of a run.
 #[derive(Debug, Default)]
 pub struct Summary {
     /// Frames that were looked at.
@@ -70,11 +78,11 @@ pub struct Summary {
     pub dropped: u32,
     /// Frames lost on the way from the camera.
     pub missed: u32,
-    /// How often the source was opened.
+    /// Number of times the source was opened.
     pub opened: u32,
     /// All detections, as `lookout replay --digest` has them from the score on with which tracks go on.
     pub digest: Digest,
-    /// How long it took.
+    /// Time of each stage.
     pub stages: Stages,
     /// From exposure to the last byte sent.
     pub sent: Histogram,
@@ -93,7 +101,7 @@ impl fmt::Display for Summary {
     }
 }
 
-/// Runs until it is told to stop, or to the end of a flight. `reread` gives the settings again on a reload.
+/// Runs until `control` orders the end, or to the end of a recorded flight. `reread` reads the settings again for a reload.
 ///
 /// # Errors
 /// [`Error`]: what can be known to be wrong at the start, and a file that cannot be read further.
@@ -111,14 +119,20 @@ pub fn run(
     let tracks = tracker::Settings::calibrated(model.calibration());
     let mut service = Service::new(config.clone(), tracks, &capture, &worker_pulse)?;
     let heard = service.links.heard().clone();
+    let panicked = AtomicBool::new(false);
     thread::scope(|scope| {
+        // However this ends, the other threads end too.
+        let ending = Flag { flag: &stop, on_panic_only: false };
         let spawn = |name: &str| thread::Builder::new().name(name.into());
         let failed = |source| ServiceError::Thread { source };
         let taking = spawn("capture")
-            .spawn_scoped(scope, || capture.run(config.clone(), open, &heard, &stop))
+            .spawn_scoped(scope, || {
+                let _flag = Flag { flag: &panicked, on_panic_only: true };
+                capture.run(config.clone(), open, &heard, &stop)
+            })
             .map_err(failed)?;
         let looking = || {
-            // What no track goes on with need not be told.
+            // Detections below this score are used by no track.
             let threshold = Some(tracks.keep_score);
             let args = DetectorArgs { threshold, ..DetectorArgs::default() };
             let look =
@@ -131,12 +145,12 @@ pub fn run(
         };
         let looking = spawn("detector").spawn_scoped(scope, looking);
         let served = match &looking {
-            Ok(_) => service.serve(seen, reread, control),
+            Ok(_) => service.serve(seen, reread, control, &panicked),
             Err(_) => Ok(()),
         };
-        stop.store(true, Ordering::Relaxed);
-        let taken = taking.join().unwrap_or(Ok(()));
-        let looked = looking.map_err(failed)?.join().unwrap_or(Ok(()));
+        drop(ending);
+        let taken = taking.join().unwrap_or_else(|panic| resume_unwind(panic));
+        let looked = looking.map_err(failed)?.join().unwrap_or_else(|panic| resume_unwind(panic));
         let finished = service.finish();
         served.and(looked)?;
         taken?;
@@ -144,26 +158,47 @@ pub fn run(
     })
 }
 
-/// What the loop works on.
+/// Sets a flag when it is dropped.
+struct Flag<'a> {
+    flag: &'a AtomicBool,
+    on_panic_only: bool,
+}
+
+impl Drop for Flag<'_> {
+    fn drop(&mut self) {
+        if !self.on_panic_only || thread::panicking() {
+            self.flag.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+/// State of the main loop.
 struct Service<'a> {
     config: Config,
     own_camera: Option<CameraFile>,
-    /// Of the frames that the camera is set for.
+    /// Size of the frames that the camera model is made for, pixels.
     size: Option<(usize, usize)>,
     capture: &'a Capture,
-    /// Of the capture and of the detector, and what they were when the watchdog was last fed.
+    /// Counters that rise while capture and detector go on, and their values when the watchdog was last fed.
     pulses: [&'a AtomicU64; 2],
     fed: [u64; 2],
     links: Links,
     onboard: Onboard,
+    /// The parameters as they were last handed over to be kept, and who keeps them.
     kept: Parameters,
+    keeper: Option<Keeper>,
+    /// When it was last reported, microseconds, that this fails: recording, parameters, signing time.
+    noticed: [Option<i64>; 3],
+    noticed_us: i64,
+    /// Whether a peer that signs with a time of the future was reported.
+    refused_future: bool,
     outputs: Outputs,
     notify: Notify,
     summary: Summary,
     blind: Blind,
     state: State,
-    /// Frames and time when the state was last told.
-    told: (u64, i64),
+    /// Frames and time of the last status.
+    status: (u64, i64),
 }
 
 impl<'a> Service<'a> {
@@ -173,17 +208,18 @@ impl<'a> Service<'a> {
         capture: &'a Capture,
         worker_pulse: &'a AtomicU64,
     ) -> Result<Self, Error> {
-        let kept = match &config.parameters {
-            Some(path) => params::load(path).map_err(Error::read(path))?,
-            None => Parameters::default(),
-        };
-        let signing = config.signing_key.as_deref().map(signing_with).transpose()?;
+        let (kept, keeper) = parameters(config.parameters.as_deref());
+        let signing = config
+            .signing_key
+            .as_deref()
+            .map(|key| signing_with(key, config.signing_time.as_deref()))
+            .transpose()?;
         let links = Links::open_signed(&specs(&config), signing);
         let own_camera = source::own_camera(&config)?;
         let camera = source::first_camera(&config, own_camera.as_ref())?;
         let onboard = Onboard::new(camera, tracks, component(&config), kept, now_us());
         let state = onboard.component().state();
-        let outputs = Outputs::open(&config, own_camera.as_ref(), tracks.keep_score)?;
+        let outputs = Outputs::open(&config, own_camera.as_ref(), tracks.keep_score);
         Ok(Self {
             own_camera,
             size: None,
@@ -193,12 +229,16 @@ impl<'a> Service<'a> {
             links,
             onboard,
             kept,
+            keeper,
+            noticed: [None; 3],
+            noticed_us: i64::MIN,
+            refused_future: false,
             outputs,
             notify: Notify::from_environment(),
             summary: Summary::default(),
             blind: Blind::NO,
             state,
-            told: (0, now_us()),
+            status: (0, now_us()),
             config,
         })
     }
@@ -208,10 +248,11 @@ impl<'a> Service<'a> {
         seen: Receiver<Seen>,
         reread: &dyn Fn() -> Result<Config, Error>,
         control: &Control,
+        panicked: &AtomicBool,
     ) -> Result<(), Error> {
         let inbound = self.links.inbound().clone();
         self.notify.ready();
-        while !control.stop.load(Ordering::Relaxed) {
+        while !control.stop.load(Ordering::Relaxed) && !panicked.load(Ordering::Relaxed) {
             if control.reload.swap(false, Ordering::Relaxed) {
                 self.notify.reloading();
                 self.reload(reread);
@@ -243,10 +284,8 @@ impl<'a> Service<'a> {
         let parameters = *self.onboard.component().parameters();
         if parameters != self.kept {
             self.kept = parameters;
-            if let Some(path) = &self.config.parameters
-                && let Err(error) = params::save(path, &parameters)
-            {
-                tracing::error!("{}: parameters are not kept: {error}", path.display());
+            if let Some(keeper) = &self.keeper {
+                keeper.keep(params::text(&parameters).into_bytes(), 0);
             }
         }
     }
@@ -269,7 +308,7 @@ impl<'a> Service<'a> {
         Ok(())
     }
 
-    /// Sends what is to be sent; what is due to a frame counts from when that was taken.
+    /// Sends the messages that are due; `exposed_us` is the exposure time of the frame that they are about.
     fn speak(&mut self, exposed_us: Option<i64>) {
         let now_us = now_us();
         while let Some(message) = self.onboard.poll(now_us) {
@@ -279,7 +318,7 @@ impl<'a> Service<'a> {
         }
     }
 
-    /// Log, manager and page hear how it is.
+    /// Updates log, service manager and page.
     fn tick(&mut self) {
         let state = self.onboard.component().state();
         if state != self.state {
@@ -291,7 +330,7 @@ impl<'a> Service<'a> {
                 }
             }
         }
-        if self.notify.is_hungry() {
+        if self.notify.is_due() {
             let now = self.pulses.map(|pulse| pulse.load(Ordering::Relaxed));
             let ended = self.capture.state() == Camera::Ended;
             if (now[0] != self.fed[0] || ended) && now[1] != self.fed[1] {
@@ -301,14 +340,49 @@ impl<'a> Service<'a> {
         }
         let now_us = now_us();
         self.outputs.tick(now_us);
-        let (frames, told_us) = self.told;
-        let span_us = now_us - told_us;
+        self.notice(now_us);
+        let (frames, last_us) = self.status;
+        let span_us = now_us - last_us;
         if span_us >= STATUS_US {
             let rate = (self.summary.frames - frames) as f64 * 1e6 / span_us as f64;
-            self.told = (self.summary.frames, now_us);
+            self.status = (self.summary.frames, now_us);
             let condition = self.condition(rate);
             self.notify.status(self.in_words(&condition));
             self.outputs.show(condition, &self.config.source, &self.onboard, &self.links);
+        }
+    }
+
+    /// Sends texts about what fails, and that it does no more; at most one a second.
+    fn notice(&mut self, now_us: i64) {
+        if now_us.saturating_sub(self.noticed_us) < NOTICE_US {
+            return;
+        }
+        let failing = [
+            self.outputs.is_recording_lost(),
+            self.keeper.as_ref().is_some_and(Keeper::is_failing),
+            self.links.is_signing_time_lost(),
+        ];
+        let notices = [
+            (Notice::RecordingStopped, Some(Notice::RecordingGoesOn)),
+            (Notice::ParametersNotKept, None),
+            (Notice::SigningTimeNotKept, None),
+        ];
+        for (at, (stopped, goes_on)) in notices.into_iter().enumerate() {
+            let before = self.noticed[at];
+            let due = before.is_none_or(|before| now_us.saturating_sub(before) >= NOTICE_AGAIN_US);
+            let notice = match (failing[at], before) {
+                (true, _) if due => Some(stopped),
+                (false, Some(_)) => goes_on,
+                _ => continue,
+            };
+            self.noticed[at] = failing[at].then_some(now_us);
+            self.noticed_us = now_us;
+            return notice.into_iter().for_each(|notice| self.onboard.notify(notice));
+        }
+        if self.links.take_refused_future() && !self.refused_future {
+            self.refused_future = true;
+            tracing::warn!("a frame is rightly signed, but more than a day ahead of our clock");
+            self.onboard.notify(Notice::ClockOfPeer);
         }
     }
 
@@ -380,11 +454,30 @@ impl<'a> Service<'a> {
     }
 }
 
+/// The parameters that are kept in a file, and who keeps it. A file that cannot be read is left as it is.
+fn parameters(path: Option<&Path>) -> (Parameters, Option<Keeper>) {
+    let Some(path) = path else { return (Parameters::default(), None) };
+    let keeper = || {
+        let keeper = Keeper::start(path);
+        keeper.map_err(|error| tracing::error!("parameters are not kept: {error}")).ok()
+    };
+    match params::load(path) {
+        Ok(parameters) => (parameters, keeper()),
+        Err(error) => {
+            tracing::error!(
+                "{}: {error}; the parameters' defaults are used, changes are not kept",
+                path.display()
+            );
+            (Parameters::default(), None)
+        }
+    }
+}
+
 fn specs(config: &Config) -> Vec<LinkSpec> {
     config.links.iter().map(|link| link.0.clone()).collect()
 }
 
-/// What is fixed for the component.
+/// Settings of the component that do not change.
 fn component(config: &Config) -> component::Config {
     let defaults = component::Config::default();
     let pixels = |side: u32| u16::try_from(side).unwrap_or(u16::MAX);

@@ -1,4 +1,4 @@
-//! How long each stage of the work takes, from the exposure of a frame to the last byte sent about it.
+//! Latency of each stage, from the exposure of a frame to the last byte sent about it.
 
 use super::worker::Seen;
 use crate::detector::Stage;

@@ -1,4 +1,4 @@
-//! The thread of the detector: the newest frame in, what was found out.
+//! The detector thread: takes the newest frame, gives its detections.
 
 use super::image_health::Sight;
 use super::mailbox::Mailbox;
@@ -16,25 +16,25 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// How long one look for a frame takes: so soon an order to stop is heard.
+/// Poll timeout; bounds the time to shut down.
 const SLICE: Duration = Duration::from_millis(100);
 
-/// A frame that was looked at.
+/// A frame and its detections.
 #[derive(Debug)]
 pub struct Seen {
     /// The frame.
     pub frame: Arc<Frame>,
-    /// What was found in it.
+    /// Its detections.
     pub found: Detections,
     /// Why nothing can be seen, if so.
     pub blind: Blind,
-    /// When the detector began with it.
+    /// Time at which the detector began, microseconds.
     pub begun_us: i64,
-    /// When each of its stages had ended.
+    /// Time at which each stage ended, microseconds.
     pub ended_us: [i64; Stage::ALL.len()],
 }
 
-/// Looks at frames until `stop`. A frame of another size than the one before gets a new detector.
+/// Runs the detector on frames until `stop`. A frame of another size than the one before gets a new detector.
 ///
 /// # Errors
 /// [`PipelineError::Detector`] for a frame that the detector cannot be made for.

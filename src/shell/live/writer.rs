@@ -1,11 +1,11 @@
-//! A thread that writes what the loop hands over: a slow disk costs records, never frames.
+//! A thread that writes items handed over by the main loop: a slow disk loses items, never frames of the detector.
 
 use crossbeam_channel::{Sender, TrySendError, bounded};
 use std::io;
 use std::string::String;
 use std::thread::{self, JoinHandle};
 
-/// Hands items to a thread, at most so many waiting.
+/// Hands items to a thread over a bounded queue.
 #[derive(Debug)]
 pub struct Writer<T> {
     name: &'static str,
@@ -15,7 +15,8 @@ pub struct Writer<T> {
 }
 
 impl<T: Send + 'static> Writer<T> {
-    /// Starts the thread, which gives every item to `write`. A failure is told once, until it is well again.
+    /// Starts the thread, which calls `write` for every item; at most `waiting` items are queued. Of failures in a row the
+    /// first is logged.
     ///
     /// # Errors
     /// The system's, where there is no thread.
@@ -42,7 +43,7 @@ impl<T: Send + 'static> Writer<T> {
         Ok(Self { name, items: Some(items), thread: Some(thread), lost: 0 })
     }
 
-    /// Hands an item over; `false` where the thread is too far behind and it is lost.
+    /// Queues an item; `false` where the queue is full and the item is lost.
     pub fn hand(&mut self, item: T) -> bool {
         let Some(items) = &self.items else { return false };
         match items.try_send(item) {
@@ -63,7 +64,7 @@ impl<T> Drop for Writer<T> {
     fn drop(&mut self) {
         self.items = None;
         if let Some(thread) = self.thread.take() {
-            // A thread that panicked has said so.
+            // A panic of it has ended the program.
             let _ = thread.join();
         }
     }

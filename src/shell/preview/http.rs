@@ -101,6 +101,8 @@ pub enum Status {
     MethodNotAllowed,
     /// A request that is too long.
     TooLarge,
+    /// Too many wrong tokens.
+    TooManyRequests,
     /// The lookout does not watch.
     Unavailable,
 }
@@ -117,6 +119,7 @@ impl Status {
             Self::Forbidden => "403 Forbidden",
             Self::NotFound => "404 Not Found",
             Self::MethodNotAllowed => "405 Method Not Allowed",
+            Self::TooManyRequests => "429 Too Many Requests",
             Self::TooLarge => "431 Request Header Fields Too Large",
             Self::Unavailable => "503 Service Unavailable",
         }

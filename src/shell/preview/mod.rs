@@ -16,6 +16,7 @@
 //! give every connection a thread, or that have no deadlines, would let any client take what the detector needs.
 
 mod board;
+mod guesses;
 pub(super) mod http;
 mod server;
 mod site;
@@ -134,7 +135,7 @@ impl fmt::Debug for Preview {
 }
 
 /// Whether a token is long enough and can stand in an address as it is.
-fn is_token(token: &str) -> bool {
+pub fn is_token(token: &str) -> bool {
     let plain = |c: u8| c.is_ascii_alphanumeric() || b"-._~".contains(&c);
     (TOKEN..=256).contains(&token.len()) && token.bytes().all(plain)
 }

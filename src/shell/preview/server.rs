@@ -8,7 +8,7 @@ use super::site::Site;
 use mio::net::{TcpListener, TcpStream};
 use mio::{Events, Interest, Poll, Registry, Token, Waker};
 use std::io::{self, ErrorKind, Read, Write};
-use std::net::Shutdown;
+use std::net::{IpAddr, Shutdown};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -118,6 +118,7 @@ impl Server {
 /// A connection.
 struct Client {
     stream: TcpStream,
+    from: IpAddr,
     step: Step,
     deadline: Instant,
     /// When it came, or got its last answer.
@@ -150,8 +151,8 @@ impl Client {
     fn new(mut stream: TcpStream, registry: &Registry, now: Instant) -> Option<Self> {
         registry.register(&mut stream, ANY, Interest::READABLE | Interest::WRITABLE).ok()?;
         stream.set_nodelay(true).ok()?;
-        let deadline = now + REQUEST;
-        Some(Self { stream, step: Step::Reading, deadline, served: now, request: Vec::new() })
+        let (from, deadline) = (stream.peer_addr().ok()?.ip(), now + REQUEST);
+        Some(Self { stream, from, step: Step::Reading, deadline, served: now, request: Vec::new() })
     }
 
     /// One step on the way, or as far as the socket lets it go.
@@ -180,7 +181,9 @@ impl Client {
                 }
                 Ok(Some((request, length))) => {
                     let close = request.close;
-                    let bytes = site.answer(&request).into_bytes(close, request.method == "HEAD");
+                    let bytes = site
+                        .answer(&request, self.from)
+                        .into_bytes(close, request.method == "HEAD");
                     self.request.drain(..length);
                     (bytes, close)
                 }

@@ -1,6 +1,7 @@
 //! What is to be seen at which address: the page, the state, the picture, the health for monitors.
 
 use super::board::{Board, STALE, Shown};
+use super::guesses::Guesses;
 use super::http::{Request, Response, Status};
 use super::snapshot::{Health, Snapshot, State};
 use base64::Engine;
@@ -32,6 +33,7 @@ const SCRIPT: &str = include_str!("page.js");
 pub struct Site {
     board: Arc<Board>,
     token: Option<String>,
+    guesses: Guesses,
     /// Where it listens, when others than this machine's own programs cannot get there.
     loopback: Option<IpAddr>,
     /// The whole page: one file, nothing from elsewhere.
@@ -65,11 +67,11 @@ impl Site {
             hash(STYLE)
         );
         let loopback = Some(address).filter(|address| address.is_loopback());
-        Self { board, token, loopback, page, policy, encoded: None }
+        Self { board, token, guesses: Guesses::default(), loopback, page, policy, encoded: None }
     }
 
     /// The answer to a request.
-    pub fn answer(&mut self, request: &Request) -> Response {
+    pub fn answer(&mut self, request: &Request, from: IpAddr) -> Response {
         if !matches!(request.method, "GET" | "HEAD") {
             let line = "405: this page only shows; use GET";
             return Response::text(Status::MethodNotAllowed, line).with("Allow", "GET, HEAD");
@@ -91,7 +93,15 @@ impl Site {
                 return Response::text(Status::NotFound, line);
             }
         };
+        let (now, needed) = (Instant::now(), self.token.is_some());
+        if needed && !self.guesses.may_guess(from, now) {
+            let line = "429: too many wrong tokens from this address; try again in a minute";
+            return Response::text(Status::TooManyRequests, line).with("Retry-After", "60");
+        }
         if !self.may_look(request) {
+            if let Some(token) = given(request) {
+                self.guesses.wrong(from, token, now);
+            }
             let line = "401: give the token, as ?token=TOKEN or Authorization: Bearer TOKEN";
             return Response::text(Status::Unauthorized, line).with("WWW-Authenticate", "Bearer");
         }
@@ -119,11 +129,7 @@ impl Site {
 
     fn may_look(&self, request: &Request) -> bool {
         let Some(token) = &self.token else { return true };
-        let bearer = request.authorization.and_then(|value| {
-            let (scheme, token) = value.split_once(' ')?;
-            scheme.eq_ignore_ascii_case("bearer").then_some(token.trim())
-        });
-        let given = bearer.or_else(|| request.parameter("token")).unwrap_or_default();
+        let given = given(request).unwrap_or_default();
         // The time this takes says nothing about how much of a guess is right.
         given.as_bytes().ct_eq(token.as_bytes()).into()
     }
@@ -201,6 +207,15 @@ impl Site {
             }
         }
     }
+}
+
+/// The token of a request.
+fn given<'a>(request: &Request<'a>) -> Option<&'a str> {
+    let bearer = request.authorization.and_then(|value| {
+        let (scheme, token) = value.split_once(' ')?;
+        scheme.eq_ignore_ascii_case("bearer").then_some(token.trim())
+    });
+    bearer.or_else(|| request.parameter("token"))
 }
 
 /// What keeps the lookout from watching.

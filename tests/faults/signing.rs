@@ -1,0 +1,113 @@
+//! Signed frames that are played back, reordered, or not signed at all.
+
+use crate::live::{ACTIVE, Ground};
+use crate::service::{Service, settings};
+use lookout::mavlink::dialect::{MavMessage, MavParamType, PARAM_SET_DATA};
+use lookout::mavlink::messages::Payload;
+use lookout::shell::link::signing::{self, Signing};
+use mavlink_core::types::CharArray;
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+const KEY: [u8; 32] = [0x5a; 32];
+
+fn prepare(folder: &Path) {
+    let key = folder.join("key");
+    fs::write(&key, "5a".repeat(32)).unwrap();
+    fs::set_permissions(&key, fs::Permissions::from_mode(0o600)).unwrap();
+}
+
+/// PARAM_SET of the wingspan to the lookout, signed where there is a signature.
+fn set(value: f32, signing: Option<&mut Signing>) -> Vec<u8> {
+    let data = PARAM_SET_DATA {
+        param_value: value,
+        target_system: 1,
+        target_component: 196,
+        param_id: CharArray::from("LK_WINGSPAN"),
+        param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
+    };
+    let mut frame = Payload::new(&data).frame(255, 190, 0, signing.is_some());
+    if let Some(signing) = signing {
+        signing.sign(&mut frame, 1, signing::clock());
+    }
+    frame.raw_bytes().into()
+}
+
+/// Waits for the echo of a value.
+fn echoed(ground: &mut Ground, value: f32) {
+    ground.wait(
+        &format!("wingspan {value}"),
+        |m| matches!(m, MavMessage::PARAM_VALUE(p) if p.param_value == value),
+    );
+}
+
+#[test]
+fn a_restart_makes_no_old_command_valid() {
+    let mut ground = Ground::default();
+    let text = format!(
+        "system_id = 1\nsigning_key = 'FOLDER/key'\nparameters = 'FOLDER/parameters'\n{}",
+        // Nothing else is heard: the commands alone tell how far the times have come.
+        settings(&ground).replace("simulate:hover", "simulate:none")
+    );
+    let service = Service::start(&text, |_, folder| prepare(folder));
+    ground.wait_state(ACTIVE, 0);
+    let mut theirs = Signing::new(KEY, None, signing::clock()).unwrap();
+    let frames = [3.0, 2.0].map(|value| (value, set(value, Some(&mut theirs))));
+    // Where the lookout listens is where it speaks from.
+    let send = |ground: &mut Ground, bytes: &[u8]| {
+        let (_, address) = loop {
+            if let Ok(heard) = ground.socket.recv_from(&mut [0; 300]) {
+                break heard;
+            }
+        };
+        ground.socket.send_to(bytes, address).unwrap();
+    };
+    for (value, frame) in &frames {
+        send(&mut ground, frame);
+        echoed(&mut ground, *value);
+    }
+    let unsigned = set(9.0, None);
+    send(&mut ground, &unsigned);
+    // Kept within moments, by a thread.
+    let file = service.folder.path().join("parameters");
+    let kept = |file: &Path| fs::read_to_string(file).unwrap_or_default();
+    let start = Instant::now();
+    while !kept(&file).contains("LK_WINGSPAN 2\n") {
+        assert!(start.elapsed() < Duration::from_secs(10), "{}", kept(&file));
+    }
+    let newest = &frames[1].1;
+    let mut stamp = [0; 8];
+    stamp[..6].copy_from_slice(&newest[newest.len() - 12..newest.len() - 6]);
+    let line = format!("255 190 1 {}\n", u64::from_le_bytes(stamp));
+    while !kept(&service.folder.path().join("key.time")).contains(&line) {
+        assert!(start.elapsed() < Duration::from_secs(10));
+    }
+    let folder = service.kill();
+    let service = Service::start_in(folder, &text, |_, _| {});
+    ground.wait_state(ACTIVE, 0);
+    for frame in frames.iter().map(|(_, frame)| frame).chain([&unsigned]) {
+        send(&mut ground, frame);
+    }
+    let mark = set(4.0, Some(&mut theirs));
+    send(&mut ground, &mark);
+    let heard = ground.heard.len();
+    echoed(&mut ground, 4.0);
+    let echoes = ground.heard[heard..].iter().filter(|h| matches!(h.2, MavMessage::PARAM_VALUE(_)));
+    assert_eq!(echoes.count(), 1, "only the new one was taken");
+    drop(service);
+}
+
+#[test]
+fn a_key_that_everybody_can_read_is_refused() {
+    let ground = Ground::default();
+    let text = format!("signing_key = 'FOLDER/key'\n{}", settings(&ground));
+    let service = Service::start(&text, |_, folder| {
+        prepare(folder);
+        fs::set_permissions(folder.join("key"), fs::Permissions::from_mode(0o644)).unwrap();
+    });
+    let (status, _, err, _) = service.ended();
+    assert_eq!(status, Some(1));
+    assert!(err.contains("every user of this machine can read the key"), "{err}");
+}
