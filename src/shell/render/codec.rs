@@ -356,7 +356,7 @@ mod tests {
             worst
         };
         let [fine, coarse] = [worst(3.0), worst(24.0)];
-        assert!(fine <= 6 && coarse > fine && coarse < 60, "{fine} {coarse}");
+        assert!(fine <= 10 && coarse > fine && coarse < 60, "{fine} {coarse}");
     }
 
     #[test]
