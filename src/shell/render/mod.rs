@@ -6,9 +6,9 @@
 //! for the same assets, settings, seed and index on every processor: integers and IEEE-exact operations alone, nothing of
 //! a platform's mathematical library.
 //!
-//! The way of a frame: camera pose ([`motion`]) -> texture coordinates of a grid of pixels ([`view`], [`projection`]) ->
-//! gathering with relief, shimmer and motion blur ([`background`], [`scene`]) -> movers, glints, birds, targets, own craft
-//! ([`movers`], [`targets`], [`sprite`]) -> vignette, gain, noise ([`sensor`]) -> video compression ([`codec`]).
+//! The way of a frame: camera pose (`motion`) -> texture coordinates of a grid of pixels (`view`, `projection`) ->
+//! gathering with relief, shimmer and motion blur (`background`, `scene`) -> movers, glints, birds, targets, own craft
+//! (`movers`, `targets`, `sprite`) -> vignette, gain, noise (`sensor`) -> video compression (`codec`).
 //!
 //! May import: random numbers, vectors, sources, clips. Imported by the simulator (as files) and the trainer (in memory).
 
@@ -278,11 +278,12 @@ fn target_truth(id: i64, target: &FlyingObject<'_>, time: f64) -> TargetTruth {
 }
 
 impl Flight<'_> {
-    /// One line about the flight, for people.
+    /// One line about the flight, for people: kind of view, texture, speed, height, numbers of objects. Without commas it
+    /// fits a column of `flights.csv`.
     pub fn describe(&self) -> std::string::String {
         let [_, _, z] = self.motion.velocity;
         std::format!(
-            "{:?} {}x{} forward {z:.1} m/s, height {:.0} m, movers {}, birds {}, targets {}",
+            "{:?} {}x{} forward {z:.1} m/s height {:.0} m movers {} birds {} targets {}",
             self.scene.kind,
             self.scene.width,
             self.scene.height,
