@@ -118,7 +118,10 @@ pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>, FlightLogError> {
             FMT => Some(FMT_LENGTH),
             kind => layouts.get(&kind).map(|layout: &Layout| layout.length),
         };
-        let whole = length.filter(|&length| rest[..2] == MAGIC && length <= rest.len());
+        // Records have no checksum; one that the next does not follow at once is taken for damaged.
+        let followed = |length: usize| rest[length..].iter().zip(MAGIC).all(|(&a, b)| a == b);
+        let whole =
+            length.filter(|&length| rest[..2] == MAGIC && length <= rest.len() && followed(length));
         let Some(length) = whole else {
             // Damaged, or of a type that was never declared: the next record is searched.
             at += 1;

@@ -151,7 +151,9 @@ impl Renderer {
                     }
                     let (mut x, mut y) = (x0 + dx * relief, y0 + dy * relief);
                     if moving > 0 {
-                        let place = |v: i32, shift: usize| (((v >> 17) as usize) + shift) % PATTERN;
+                        let place = |v: i32, shift: usize| {
+                            ((v >> 17) as usize).wrapping_add(shift) % PATTERN
+                        };
                         let [right, lower] =
                             self.pattern[place(y, wave[1]) * PATTERN + place(x, wave[0])];
                         x += (i32::from(right) * moving) << 7;
