@@ -4,6 +4,7 @@ use clap::Parser;
 use lookout::shell::cli::{Cli, Verb};
 use lookout::shell::error::Error;
 use lookout::shell::live::log::Log;
+use lookout::shell::sources::process as children;
 use lookout::shell::support::interrupt::{self, Ended};
 use lookout::shell::{bench, doctor, evaluate, live, params, replay, train};
 use std::io::{IsTerminal, Write};
@@ -21,6 +22,14 @@ const PANIC_STATUS: i32 = 101;
 const LAST_LINES: Duration = Duration::from_secs(1);
 
 fn main() -> ExitCode {
+    let mut words = std::env::args_os().skip(1);
+    if words.next().is_some_and(|verb| verb == children::SUPERVISE) {
+        return children::supervise(&words.collect::<Vec<_>>());
+    }
+    // Where the system does not say, children are started without a supervisor.
+    if let Ok(program) = std::env::current_exe() {
+        children::supervise_with(program);
+    }
     let cli = Cli::parse();
     let service = matches!(cli.verb, Verb::Run(_));
     // Without a thread for it, the log is written as that of the other verbs.
@@ -40,8 +49,8 @@ fn main() -> ExitCode {
         last(&format!("lookout: thread '{}': {panic}", thread::current().name().unwrap_or("?")));
         process::exit(PANIC_STATUS);
     }));
-    // A service logs its state; whoever types a verb sees errors only.
-    let level = if service { LevelFilter::INFO } else { LevelFilter::ERROR };
+    // A service logs its state; whoever types a verb sees what is wrong or doubtful.
+    let level = if service { LevelFilter::INFO } else { LevelFilter::WARN };
     let layer = tracing_subscriber::fmt::layer()
         .with_ansi(std::io::stderr().is_terminal())
         // A line that cannot be written is lost. By default it is complained about on standard error, with a panic.

@@ -23,7 +23,7 @@ fn camera() -> Camera {
         height: 480,
         focal: [Real::from_num(FOCAL); 2],
         centre: [319.5, 239.5].map(Real::from_num),
-        distortion: [Real::ZERO; 5],
+        lens: lookout::camera::Lens::PINHOLE,
     })
     .unwrap()
 }

@@ -87,6 +87,22 @@ impl Attitudes {
         Some(before.1.towards(after.1, part))
     }
 
+    /// The nearest attitude within 0.06 s of `time_us` and its age there (negative where it is later), where no other one is
+    /// near enough to interpolate with: attitudes come a few times a second only. Else `None`, and before there were two.
+    pub fn isolated(&self, time_us: i64) -> Option<(i64, Attitude)> {
+        let place = self.kept.partition_point(|(time, _)| *time <= time_us);
+        let before = self.kept[place.checked_sub(1)?];
+        let after = self.kept.get(place).copied();
+        let apart = match after {
+            Some((after, _)) => after.saturating_sub(before.0),
+            None => before.0.saturating_sub(self.kept[place.checked_sub(2)?].0),
+        };
+        let age = |(time, attitude): (i64, Attitude)| (time_us.saturating_sub(time), attitude);
+        let ages = [Some(before), after].into_iter().flatten().map(age);
+        let nearest = ages.min_by_key(|(age, _)| age.saturating_abs())?;
+        (apart > GAP && nearest.0.saturating_abs() <= BEYOND).then_some(nearest)
+    }
+
     /// Forgets all, for another clock.
     pub fn clear(&mut self) {
         self.kept.clear();
@@ -130,6 +146,34 @@ mod tests {
     }
 
     #[test]
+    fn a_rare_attitude_is_given_with_its_age() {
+        let mut attitudes = Attitudes::new();
+        assert_eq!(attitudes.isolated(0), None);
+        for step in 0..3 {
+            attitudes.push(step * 333_000, yaw(0.1 * step as f64));
+        }
+        for (time, wanted) in [
+            (333_000, Some((0, 0.1))),
+            (350_000, Some((17_000, 0.1))),
+            (320_000, Some((-13_000, 0.1))),
+            (450_000, None),
+            (700_000, Some((34_000, 0.2))),
+            (740_000, None),
+            (-20_000, None),
+        ] {
+            let found = attitudes.isolated(time);
+            assert_eq!(found.map(|(age, _)| age), wanted.map(|(age, _)| age), "{time}");
+            assert!(wanted.is_none_or(|(_, angle)| close(found.map(|(_, a)| a), angle)), "{time}");
+        }
+        // At the usual rate there is always a neighbour.
+        let mut attitudes = Attitudes::new();
+        (0..20).for_each(|step| attitudes.push(step * 50_000, yaw(0.0)));
+        for time in (50_000..1_000_000).step_by(7_000) {
+            assert_eq!(attitudes.isolated(time), None, "{time}");
+        }
+    }
+
+    #[test]
     fn the_oldest_go_first() {
         let mut attitudes = Attitudes::new();
         for step in 0..200 {
@@ -150,7 +194,7 @@ mod tests {
                 prop_assert!(attitudes.kept.is_sorted_by(|a, b| a.0 < b.0));
                 prop_assert!(attitudes.at(time).is_some());
             }
-            let _ = attitudes.at(at);
+            let _ = (attitudes.at(at), attitudes.isolated(at));
         }
     }
 }

@@ -1,21 +1,18 @@
 //! From a point in the picture to a direction, and back (level 2).
 //!
-//! Pinhole with the distortion of OpenCV: radial k1, k2, k3, tangential p1, p2 ("Camera Calibration and 3D
-//! Reconstruction", OpenCV's manual, module calib3d). OpenCV puts the centre of a pixel at whole numbers; points of this
+//! A camera has a [`Lens`], focal lengths and an optical axis, as OpenCV's calibration finds them. OpenCV puts the centre of a pixel at whole numbers; points of this
 //! crate's pictures are half a pixel further (see [`crate::image`]), which is taken care of here.
 
 pub mod attitude;
 pub mod attitude_buffer;
+mod distortion;
+
+pub use distortion::Lens;
 
 use crate::math::real::{self, ONE, Real, Vector, ZERO, divide, ratio, sqrt, unit};
 use attitude::Attitude;
+use distortion::MAX_RATIO;
 use fixed::types::I28F4;
-
-/// Rounds in which distortion is taken out; OpenCV uses 5.
-const ROUNDS: usize = 12;
-
-/// Points further than this from the axis are brought nearer, in focal lengths.
-const MAX_RATIO: Real = Real::lit("8");
 
 /// Error of the focal length that is assumed where only a field of view is known: one part in 20, as between what is
 /// printed on a lens and what a calibration finds.
@@ -38,8 +35,8 @@ pub struct Intrinsics {
     pub focal: [Real; 2],
     /// Where the optical axis meets the picture; the centre of the first pixel is (0, 0).
     pub centre: [Real; 2],
-    /// k1, k2, p1, p2, k3.
-    pub distortion: [Real; 5],
+    /// The lens.
+    pub lens: Lens,
 }
 
 /// Why numbers make no [`Camera`].
@@ -90,7 +87,7 @@ impl Camera {
     /// # Errors
     /// [`CameraError`] when a number is out of its range.
     pub fn new(intrinsics: Intrinsics) -> Result<Self, CameraError> {
-        let Intrinsics { width, height, focal, centre, distortion } = intrinsics;
+        let Intrinsics { width, height, focal, centre, lens } = intrinsics;
         let sides = [width, height];
         if sides.iter().any(|side| !(1..=65535).contains(side)) {
             return Err(CameraError::Size);
@@ -104,7 +101,7 @@ impl Camera {
                 return Err(CameraError::Centre);
             }
         }
-        if distortion.iter().any(|k| k.saturating_abs() > 1000) {
+        if lens.largest() > 1000 {
             return Err(CameraError::Distortion);
         }
         Ok(Self {
@@ -131,7 +128,7 @@ impl Camera {
             height,
             focal: [focal; 2],
             centre: [width, height].map(|side| Real::from_num(side.min(1 << 20)) / 2 - ONE / 2),
-            distortion: [ZERO; 5],
+            lens: Lens::PINHOLE,
         })?;
         let centre_error = ROUGH_CENTRE * Real::from_num(width);
         Ok(Self { scale_error: ROUGH_SCALE, centre_error, ..camera })
@@ -140,6 +137,35 @@ impl Camera {
     /// The camera turned: `mounting` leads from the camera's axes to the body's. [`Attitude::FORWARD`] before.
     pub const fn mounted(self, mounting: Attitude) -> Self {
         Self { mounting, ..self }
+    }
+
+    /// The camera for frames that were scaled to `width` x `height`: by one whole factor, up or down, in both directions.
+    /// `None` where that is not so.
+    pub fn scaled(&self, width: u32, height: u32) -> Option<Self> {
+        let Intrinsics { width: from_width, height: from_height, .. } = self.intrinsics;
+        let whole = |large: u32, small: u32| {
+            let factor = large.checked_div(small).filter(|factor| (1..=16).contains(factor))?;
+            (small * factor == large).then_some(factor)
+        };
+        let (up, down) = if width >= from_width {
+            (whole(width, from_width)?, 1)
+        } else {
+            (1, whole(from_width, width)?)
+        };
+        if u64::from(height) * u64::from(down) != u64::from(from_height) * u64::from(up) {
+            return None;
+        }
+        let scale = |v: Real| v * i64::from(up) / i64::from(down);
+        let half = ONE / 2;
+        let intrinsics = Intrinsics {
+            width,
+            height,
+            focal: self.intrinsics.focal.map(scale),
+            // The centre of the first pixel is at 0, its edge at -1/2.
+            centre: self.intrinsics.centre.map(|c| scale(c + half) - half),
+            lens: self.intrinsics.lens,
+        };
+        Some(Self { intrinsics, centre_error: scale(self.centre_error).max(CALIBRATED), ..*self })
     }
 
     /// Its numbers.
@@ -164,14 +190,13 @@ impl Camera {
 
     /// Unit vector of the point (x, y) of the picture, in the camera's axes.
     pub fn direction(&self, x: I28F4, y: I28F4) -> Vector {
-        let Intrinsics { focal, centre, .. } = &self.intrinsics;
+        let Intrinsics { focal, centre, lens, .. } = &self.intrinsics;
         let half = ONE / 2;
         let distorted: [Real; 2] = core::array::from_fn(|i| {
             let v = Real::from_num([x, y][i]);
             (divide(v - half - centre[i], focal[i])).clamp(-MAX_RATIO, MAX_RATIO)
         });
-        let [x, y] = self.undistort(distorted);
-        unit([x, y, ONE])
+        lens.ray(distorted)
     }
 
     /// Unit vector of the point (x, y) of the picture, in the body's axes.
@@ -182,11 +207,7 @@ impl Camera {
     /// The point of the picture in which a direction in the body's axes is seen; it may lie outside of the picture.
     /// `None` behind the camera and far to its side.
     pub fn project(&self, body: Vector) -> Option<(I28F4, I28F4)> {
-        let [x, y, z] = self.mounting.inverse().rotate(unit(body));
-        if z < ratio(1, 10) {
-            return None;
-        }
-        let [x, y] = self.distort([x / z, y / z].map(|v| v.clamp(-MAX_RATIO, MAX_RATIO)));
+        let [x, y] = self.intrinsics.lens.project(self.mounting.inverse().rotate(unit(body)))?;
         let place = |i: usize, v: Real| {
             let limit = Real::from_num(1 << 20);
             let v = v.clamp(-MAX_RATIO, MAX_RATIO) * self.intrinsics.focal[i];
@@ -205,44 +226,6 @@ impl Camera {
         let centre = self.centre_error * self.pixel();
         sqrt(scale * scale + centre * centre)
     }
-
-    /// Distorts a point in focal lengths from the axis, at most [`MAX_RATIO`].
-    fn distort(&self, [x, y]: [Real; 2]) -> [Real; 2] {
-        let (radial, [dx, dy]) = self.terms([x, y]);
-        [x.saturating_mul(radial).saturating_add(dx), y.saturating_mul(radial).saturating_add(dy)]
-    }
-
-    /// The radial factor and the tangential shift at an undistorted point.
-    fn terms(&self, [x, y]: [Real; 2]) -> (Real, [Real; 2]) {
-        let [k1, k2, p1, p2, k3] = self.intrinsics.distortion;
-        let r2 = x * x + y * y;
-        let radial = [k3, k2, k1]
-            .into_iter()
-            .fold(ZERO, |sum, k| sum.saturating_add(k).saturating_mul(r2))
-            .saturating_add(ONE);
-        let dx = p1 * x * y * 2 + p2 * (r2 + x * x * 2);
-        let dy = p1 * (r2 + y * y * 2) + p2 * x * y * 2;
-        (radial, [dx, dy])
-    }
-
-    /// Takes the distortion out by fixed-point iteration, as OpenCV does.
-    fn undistort(&self, distorted: [Real; 2]) -> [Real; 2] {
-        if self.intrinsics.distortion == [ZERO; 5] {
-            return distorted;
-        }
-        let mut point = distorted;
-        for _ in 0..ROUNDS {
-            let (radial, shift) = self.terms(point);
-            // Beyond where the polynomial means anything: the last point is as good.
-            if radial < ratio(1, 10) {
-                break;
-            }
-            point = core::array::from_fn(|i| {
-                divide(distorted[i].saturating_sub(shift[i]), radial).clamp(-MAX_RATIO, MAX_RATIO)
-            });
-        }
-        point
-    }
 }
 
 #[cfg(test)]
@@ -250,13 +233,19 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn lens(distortion: [f64; 5]) -> Lens {
+        let mut k = [ZERO; 14];
+        k[..5].copy_from_slice(&distortion.map(Real::from_num));
+        Lens::Polynomial(k)
+    }
+
     fn camera(distortion: [f64; 5]) -> Camera {
         Camera::new(Intrinsics {
             width: 640,
             height: 480,
             focal: [560.0, 570.0].map(Real::from_num),
             centre: [310.5, 245.0].map(Real::from_num),
-            distortion: distortion.map(Real::from_num),
+            lens: lens(distortion),
         })
         .unwrap()
     }
@@ -286,13 +275,13 @@ mod tests {
         }
 
         #[test]
-        fn no_numbers_panic(focal: [i64; 2], centre: [i64; 2], k: [i64; 5], x: i32, y: i32, v: [i32; 3], view: i64) {
+        fn no_numbers_panic(focal: [i64; 2], centre: [i64; 2], k: [i64; 14], x: i32, y: i32, v: [i32; 3], view: i64) {
             let real = Real::from_bits;
-            let intrinsics = Intrinsics { width: 640, height: 480, focal: focal.map(real), centre: centre.map(real), distortion: k.map(real) };
+            let intrinsics = Intrinsics { width: 640, height: 480, focal: focal.map(real), centre: centre.map(real), lens: Lens::Polynomial(k.map(real)) };
             let cameras = [Camera::new(intrinsics), Camera::new(Intrinsics {
                 focal: [real(focal[0].rem_euclid(1 << 47)) + Real::from_num(40), Real::from_num(300)],
                 centre: [Real::from_num(100); 2],
-                distortion: k.map(|k| real(k % (1 << 41))),
+                lens: Lens::Polynomial(k.map(|k| real(k % (1 << 41)))),
                 ..intrinsics
             }), Camera::from_field_of_view(640, 480, real(view % (1 << 34)))];
             for camera in cameras.into_iter().flatten() {
@@ -300,6 +289,26 @@ mod tests {
                 prop_assert!(camera.sigma(direction) >= ZERO);
                 let _ = camera.project(v.map(|v| Real::from_bits(v.into())));
             }
+        }
+    }
+
+    #[test]
+    fn a_scaled_camera_sees_the_same_in_the_same_place() {
+        let full = camera([-0.2, 0.05, 0.001, 0.0, 0.0]);
+        for (width, height, factor) in
+            [(320, 240, 0.5), (1280, 960, 2.0), (640, 480, 1.0), (160, 120, 0.25)]
+        {
+            let scaled = full.scaled(width, height).unwrap();
+            let (x, y) = (500.0, 100.0);
+            let same = full.direction(sixteenths(x), sixteenths(y));
+            let there = scaled.direction(sixteenths(x * factor), sixteenths(y * factor));
+            for (a, b) in same.into_iter().zip(there) {
+                assert!((a - b).saturating_abs() < Real::from_num(1e-4), "{factor}: {a} {b}");
+            }
+        }
+        for (width, height) in [(320, 256), (480, 360), (320, 480), (0, 0), (640, 240), (1281, 960)]
+        {
+            assert_eq!(full.scaled(width, height), None, "{width}x{height}");
         }
     }
 

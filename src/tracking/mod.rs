@@ -3,7 +3,8 @@
 //! Directions are followed in a frame of reference that stands still: the world's where the vehicle's attitude is known.
 //! Where it is not, the turning of the camera is the rotation that explains the motion of the background best; the frame
 //! of reference then drifts slowly, and what the camera's own flight adds to the motion of near ground is taken for
-//! turning.
+//! turning. For a second after an attitude of the vehicle the frame of reference still counts as the world's: links that
+//! send an attitude a few times a second only are enough.
 
 mod measurement;
 mod settings;
@@ -38,10 +39,16 @@ pub struct Settings {
     pub threat: threat::Settings,
 }
 
+/// Longest time since an attitude of the vehicle that the picture's motion bridges, in microseconds: at a third of a pixel a
+/// frame and a field of view that is known to a twentieth it drifts by some degrees in that time.
+const BRIDGE: i64 = 1_000_000;
+
 /// Where the last frames' attitudes came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Source {
     Vehicle,
+    /// The picture's motion since the vehicle's attitude of this time, microseconds.
+    Bridge(i64),
     Image,
 }
 
@@ -114,8 +121,16 @@ impl Watch {
             self.clear();
         }
         let dt = seconds(step);
-        let vehicle = attitudes.at(time_us);
-        let (attitude, error) = self.attitude(vehicle, background, dt);
+        let turn = background.is_valid().then(|| rotation(&self.camera, background)).flatten();
+        let vehicle = match (attitudes.isolated(time_us), turn) {
+            // Turned on from its own time to the frame's as the picture turns.
+            (Some((age, attitude)), Some(turn)) if dt > ZERO => {
+                let part = Real::from_num(age) / 1_000_000 / dt.max(ratio(1, 200));
+                Some(attitude.after(Attitude::from_small(turn.map(|angle| angle * part))))
+            }
+            _ => attitudes.at(time_us),
+        };
+        let (attitude, error) = self.attitude(vehicle, turn, time_us, dt);
         let before = self.frames.iter().take(SHIFTS);
         let before = before.map(|(time, attitude)| (seconds(time_us - time), *attitude)).collect();
         let pose = CameraPose { camera: &self.camera, attitude, error, before };
@@ -128,7 +143,7 @@ impl Watch {
         let observer = threat::Observer {
             camera: &self.camera,
             attitude,
-            in_world: vehicle.is_some(),
+            in_world: self.source != Source::Image,
             time_us,
         };
         self.alerts.update(self.tracker.tracks(), &observer)
@@ -139,20 +154,27 @@ impl Watch {
     fn attitude(
         &mut self,
         vehicle: Option<Attitude>,
-        background: &Motion,
+        turn: Option<Vector>,
+        time_us: i64,
         dt: Real,
     ) -> (Attitude, Real) {
         let last = self.frames.first().map(|(_, attitude)| *attitude);
-        let turn = background.is_valid().then(|| rotation(&self.camera, background)).flatten();
         let guess =
             last.map(|last| turn.map_or(last, |turn| last.after(Attitude::from_small(turn))));
         let Some(vehicle) = vehicle else {
-            self.source = Source::Image;
+            let since = match self.source {
+                Source::Vehicle => self.frames.first().map(|(time, _)| *time),
+                Source::Bridge(since) => Some(since),
+                Source::Image => None,
+            };
+            let measured = guess.is_some() && turn.is_some();
+            let since = since.filter(|since| measured && time_us.saturating_sub(*since) <= BRIDGE);
+            self.source = since.map_or(Source::Image, Source::Bridge);
             // A third of a pixel where it is measured; without, what a multirotor turns at 0.3 rad/s.
             let error = if turn.is_some() { self.camera.pixel() / 3 } else { dt * 3 / 10 };
             return (guess.unwrap_or(Attitude::IDENTITY), error);
         };
-        if self.source == Source::Image
+        if self.source != Source::Vehicle
             && let Some(guess) = guess
         {
             let change = vehicle.after(guess.inverse());

@@ -27,7 +27,7 @@ use std::vec::Vec;
 pub struct BenchArgs {
     /// What `replay` takes as INPUT; sim: a simulated flight
     #[arg(long, value_name = "INPUT|sim", default_value = "sim")]
-    input: String,
+    input: PathBuf,
     #[command(flatten)]
     detector: DetectorArgs,
     /// Frames to decode into memory before the clock starts
@@ -50,8 +50,8 @@ pub struct BenchArgs {
 }
 
 impl BenchArgs {
-    fn input(&self) -> Option<&str> {
-        Some(self.input.as_str()).filter(|&input| input != "sim")
+    fn input(&self) -> Option<&Path> {
+        Some(self.input.as_path()).filter(|input| *input != Path::new("sim"))
     }
 }
 

@@ -4,6 +4,7 @@ mod examination;
 mod finding;
 mod parameters;
 mod probe;
+mod source;
 mod timing;
 
 #[cfg(test)]
@@ -11,11 +12,13 @@ mod tests;
 
 pub use examination::{COMPONENT, Examination, Finding, Mark};
 pub use parameters::Purpose;
+pub use source::SourceArgs;
 
 use super::error::Error;
 use super::link::{self, LinkSpec, Links};
 use super::support::interrupt::{self, Ended};
 use crate::mavlink::component::{Destination, Outgoing, Priority};
+use crate::shell::live::source::LiveError;
 use crate::shell::support::print::print_line;
 use std::string::{String, ToString};
 use std::time::{Duration, Instant};
@@ -32,6 +35,14 @@ pub enum DoctorError {
         link: String,
         /// The system's reason and what to do.
         reason: String,
+    },
+    /// A live source that gives no picture.
+    #[error("{name}: no picture: {reason}")]
+    NoPicture {
+        /// The source, without user and password.
+        name: String,
+        /// Why.
+        reason: LiveError,
     },
     /// A link on which nothing was heard.
     #[error(
@@ -65,7 +76,7 @@ const WAIT: Duration = Duration::from_millis(10);
 #[derive(Debug, Clone, clap::Args)]
 pub struct DoctorArgs {
     /// Link to examine: udpin:HOST:PORT, udpout:.., tcpin:.., tcpout:HOST:PORT or serial:DEVICE:BAUD; may be repeated
-    #[arg(long, value_name = "SPEC", required = true)]
+    #[arg(long, value_name = "SPEC", required_unless_present_any = ["source", "config"])]
     link: Vec<LinkSpec>,
     /// How long to listen
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=600))]
@@ -76,6 +87,8 @@ pub struct DoctorArgs {
     /// Send the autopilot an obstacle 12 m ahead and check that it comes back; not to an armed vehicle
     #[arg(long)]
     probe: bool,
+    #[command(flatten)]
+    source: SourceArgs,
 }
 
 /// Examines the links and prints what was found.
@@ -84,12 +97,14 @@ pub struct DoctorArgs {
 /// [`DoctorError`] where a port cannot be opened, nothing was heard or something is missing, [`FileError::Write`].
 pub fn run(args: &DoctorArgs) -> Result<Ended, Error> {
     interrupt::watch()?;
+    let missing = source::examine(&args.source, args.seconds)?;
     let started = Instant::now();
     let now = || i64::try_from(started.elapsed().as_micros()).unwrap_or(i64::MAX);
     let mut links = Links::open(&args.link);
     let examination = |_| Examination::new(&args.messages, args.probe, now());
     let mut examinations: Vec<Examination> = args.link.iter().map(examination).collect();
-    while now() < i64::from(args.seconds) * 1_000_000 && !interrupt::requested() {
+    let listen = !args.link.is_empty();
+    while listen && now() < i64::from(args.seconds) * 1_000_000 && !interrupt::requested() {
         for (index, examination) in examinations.iter_mut().enumerate() {
             while let Some(payload) = examination.poll(now()) {
                 let message = Outgoing {
@@ -115,7 +130,17 @@ pub fn run(args: &DoctorArgs) -> Result<Ended, Error> {
         never.then(|| link::try_open(spec).err()).flatten().map(|e| reason_in_words(&e))
     };
     let reasons: Vec<Option<String>> = args.link.iter().zip(never_open).map(reason).collect();
-    report(args, &examinations, &reasons)
+    report(args, &examinations, &reasons, missing)
+}
+
+/// A line about one finding.
+fn print_finding(finding: &Finding) -> Result<(), Error> {
+    let word = match finding.mark {
+        Mark::Good => "ok",
+        Mark::Note => "note",
+        Mark::Missing => "missing",
+    };
+    Ok(print_line(&format!("  {word:<8} {}", finding.text))?)
 }
 
 /// Why a port cannot be opened, and what to do.
@@ -132,13 +157,13 @@ fn reason_in_words(error: &io::Error) -> String {
     format!("cannot be opened: {error}{advice}")
 }
 
-/// Prints the findings. `reasons`: why a port cannot be opened, link by link.
+/// Prints the findings. `reasons`: why a port cannot be opened, link by link; `missing`: what is missing besides.
 fn report(
     args: &DoctorArgs,
     examinations: &[Examination],
     reasons: &[Option<String>],
+    mut missing: usize,
 ) -> Result<Ended, Error> {
-    let mut missing = 0;
     for ((link, examination), reason) in args.link.iter().zip(examinations).zip(reasons) {
         print_line(&format!("link {link}, {} s", args.seconds))?;
         if let Some(reason) = reason {
@@ -146,14 +171,9 @@ fn report(
             missing += 1;
             continue;
         }
-        for Finding { mark, text } in examination.findings() {
-            let word = match mark {
-                Mark::Good => "ok",
-                Mark::Note => "note",
-                Mark::Missing => "missing",
-            };
-            print_line(&format!("  {word:<8} {text}"))?;
-            missing += usize::from(mark == Mark::Missing);
+        for finding in examination.findings() {
+            print_finding(&finding)?;
+            missing += usize::from(finding.mark == Mark::Missing);
         }
     }
     if interrupt::requested() {

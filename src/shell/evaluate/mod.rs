@@ -363,7 +363,7 @@ fn run_clip(
     let input = format!("{}", clip.input.display());
     let mut result = ClipResult::default();
     let delivered = Cell::new(Instant::now());
-    let mut source = Stamped { source: sources::open(&input)?, delivered: &delivered };
+    let mut source = Stamped { source: sources::open(&clip.input)?, delivered: &delivered };
     let path = run.out.as_deref().map(|out| report::path_of(out, clip));
     let mut file = path.as_deref().map(TextFile::create).transpose()?;
     let lines = path.as_deref().map(|path| path.with_extension("jsonl"));

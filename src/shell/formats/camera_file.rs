@@ -1,13 +1,13 @@
 //! Camera files: OpenCV and ROS calibrations (YAML), and the flights' own `camera.json`.
 
+use super::calibration;
 use super::error::FormatError;
 use crate::camera::attitude::Attitude;
-use crate::camera::{Camera, Intrinsics};
+use crate::camera::{Camera, Intrinsics, Lens};
 use crate::math::real::{PI, Real};
 use crate::shell::support::bounded_file;
 use crate::shell::support::file_error::FileError;
 use serde::{Deserialize, Serialize};
-use std::borrow::ToOwned;
 use std::format;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
@@ -17,7 +17,7 @@ use std::vec::Vec;
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Camera")]
 pub struct CameraArgs {
-    /// Calibration: OpenCV or ROS YAML, or camera.json; default: that of the simulated flight, else --fov
+    /// Calibration: YAML or JSON of OpenCV, ROS or Kalibr, or camera.json; default: that of the simulated flight, else --fov
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
     /// Horizontal field of view in degrees where there is no calibration; directions and ranges are rough then
@@ -44,14 +44,23 @@ impl CameraArgs {
             (Some(path), _) => {
                 let camera = read(path)?;
                 let spec = camera.intrinsics();
-                if (spec.width as usize, spec.height as usize) != (width, height) {
+                let scaled = camera.scaled(width as u32, height as u32).ok_or_else(|| {
                     let reason = format!(
-                        "calibrated at {}x{}, the frames are {width}x{height}; calibrate at their size",
+                        "calibrated at {}x{}, the frames are {width}x{height}, which is not a whole part or multiple; \
+                         calibrate at their size",
                         spec.width, spec.height
                     );
-                    return Err(FormatError::Camera { path: path.clone(), reason });
+                    FormatError::Camera { path: path.clone(), reason }
+                })?;
+                if scaled.intrinsics() != spec {
+                    tracing::info!(
+                        "{}: calibrated at {}x{}, scaled to {width}x{height}",
+                        path.display(),
+                        spec.width,
+                        spec.height
+                    );
                 }
-                camera
+                scaled
             }
             (None, Some(own)) => own.camera().map_err(bad)?,
             (None, None) => {
@@ -119,34 +128,17 @@ impl CameraFile {
     /// # Errors
     /// The field and what is expected.
     pub fn camera(&self) -> Result<Camera, String> {
-        intrinsics(
-            (self.width, self.height),
-            [("fx", self.fx), ("fy", self.fy), ("cx", self.cx), ("cy", self.cy)],
-            &[],
-        )
+        let [fx, fy] = [number("fx", self.fx)?, number("fy", self.fy)?];
+        let [cx, cy] = [number("cx", self.cx)?, number("cy", self.cy)?];
+        let intrinsics = Intrinsics {
+            width: self.width,
+            height: self.height,
+            focal: [fx, fy],
+            centre: [cx, cy],
+            lens: Lens::PINHOLE,
+        };
+        Camera::new(intrinsics).map_err(|e| e.to_string())
     }
-}
-
-/// A matrix as OpenCV (`!!opencv-matrix`) and ROS write it.
-#[derive(Debug, Deserialize)]
-struct Matrix {
-    rows: usize,
-    cols: usize,
-    data: Vec<f64>,
-}
-
-/// An OpenCV or ROS calibration.
-#[derive(Debug, Deserialize)]
-struct Calibration {
-    #[serde(alias = "width")]
-    image_width: u32,
-    #[serde(alias = "height")]
-    image_height: u32,
-    #[serde(alias = "Camera_Matrix")]
-    camera_matrix: Matrix,
-    #[serde(alias = "Distortion_Coefficients", alias = "dist_coeffs")]
-    distortion_coefficients: Option<Matrix>,
-    distortion_model: Option<String>,
 }
 
 /// Reads a camera file.
@@ -156,81 +148,15 @@ struct Calibration {
 pub fn read(path: &Path) -> Result<Camera, FormatError> {
     let text = bounded_file::read_text(path).map_err(FileError::read(path))?;
     let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-    let camera = if json { from_json(&text) } else { from_yaml(&text) };
+    let own =
+        json && serde_json::from_str::<serde_json::Value>(&text).is_ok_and(|v| v["fx"].is_number());
+    let camera =
+        if own { from_json(&text) } else { calibration::parse(&text).map_err(|e| e.to_string()) };
     camera.map_err(|reason| FormatError::Camera { path: path.into(), reason })
 }
 
 fn from_json(text: &str) -> Result<Camera, String> {
     serde_json::from_str::<CameraFile>(text).map_err(|e| e.to_string())?.camera()
-}
-
-fn from_yaml(text: &str) -> Result<Camera, String> {
-    // OpenCV begins with a directive that YAML does not know.
-    let text = match text.strip_prefix("%YAML:") {
-        Some(rest) => rest.split_once('\n').map_or("", |(_, body)| body),
-        None => text,
-    };
-    let text = text.replace("!!opencv-matrix", "");
-    let calibration: Calibration = serde_yaml_ng::from_str(&text).map_err(|e| e.to_string())?;
-    let Calibration { image_width, image_height, camera_matrix, .. } = &calibration;
-    let plane = |matrix: &Matrix, name: &str| {
-        if matrix.rows.checked_mul(matrix.cols) != Some(matrix.data.len()) {
-            let (rows, cols, given) = (matrix.rows, matrix.cols, matrix.data.len());
-            return Err(format!("{name}: {rows}x{cols}, but {given} numbers"));
-        }
-        Ok(())
-    };
-    plane(camera_matrix, "camera_matrix")?;
-    let &[fx, skew, cx, _, fy, cy, ..] = camera_matrix.data.as_slice() else {
-        return Err("camera_matrix: expected 3x3 numbers".to_owned());
-    };
-    if skew != 0.0 {
-        return Err(format!("camera_matrix: a skew of {skew} is not supported, expected 0"));
-    }
-    match calibration.distortion_model.as_deref() {
-        None | Some("plumb_bob" | "radtan") => {}
-        Some(other) => {
-            return Err(format!(
-                "distortion_model: '{other}' is not supported, expected plumb_bob (k1, k2, p1, p2, k3)"
-            ));
-        }
-    }
-    let distortion = match &calibration.distortion_coefficients {
-        Some(matrix) => {
-            plane(matrix, "distortion_coefficients")?;
-            matrix.data.as_slice()
-        }
-        None => &[],
-    };
-    let focal = [("fx", fx), ("fy", fy), ("cx", cx), ("cy", cy)];
-    intrinsics((*image_width, *image_height), focal, distortion)
-}
-
-fn intrinsics(
-    (width, height): (u32, u32),
-    numbers: [(&str, f64); 4],
-    distortion: &[f64],
-) -> Result<Camera, String> {
-    let mut values = [Real::ZERO; 4];
-    for (value, (name, given)) in values.iter_mut().zip(numbers) {
-        *value = number(name, given)?;
-    }
-    let mut coefficients = [Real::ZERO; 5];
-    if let Some(more) = distortion.get(5..)
-        && more.iter().any(|k| *k != 0.0)
-    {
-        return Err(format!(
-            "distortion_coefficients: {} numbers, expected at most 5 (k1, k2, p1, p2, k3)",
-            distortion.len()
-        ));
-    }
-    for (value, given) in coefficients.iter_mut().zip(distortion) {
-        *value = number("distortion_coefficients", *given)?;
-    }
-    let [fx, fy, cx, cy] = values;
-    let intrinsics =
-        Intrinsics { width, height, focal: [fx, fy], centre: [cx, cy], distortion: coefficients };
-    Camera::new(intrinsics).map_err(|e| e.to_string())
 }
 
 /// A number that fits, in fixed point.
@@ -252,38 +178,48 @@ mod tests {
         data: [560.5, 0, 319.5, 0, 561, 239.5, 0, 0, 1]\ndistortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  \
         cols: 5\n  data: [-0.2, 0.05, 0.001, -0.001, 0]\n";
 
-    const OPENCV: &str = "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   \
-        cols: 3\n   dt: d\n   data: [ 5.605e+02, 0., 3.195e+02, 0., 561., 2.395e+02, 0., 0., 1. ]\n\
-        distortion_coefficients: !!opencv-matrix\n   rows: 5\n   cols: 1\n   dt: d\n   data: [ -0.2, 0.05, 1.0e-3, -1.0e-3, 0. ]\n";
-
     #[test]
-    fn both_forms_are_the_same_camera() {
-        let camera = from_yaml(ROS).unwrap();
-        assert_eq!(from_yaml(OPENCV).unwrap(), camera);
-        assert_eq!(camera.intrinsics().focal[0], Real::from_num(560.5));
-        assert_eq!(camera.intrinsics().distortion[1], Real::from_num(0.05));
+    fn the_file_s_name_is_no_matter_for_a_calibration() {
+        let folder = tempfile::tempdir().unwrap();
         let json = r#"{"width": 640, "height": 480, "fps": 30, "fx": 560.0, "fy": 560.0, "cx": 319.5, "cy": 239.5, "kind": "hover"}"#;
-        let middle = from_json(json).unwrap().body(I28F4::from_num(320), I28F4::from_num(240));
+        let path = folder.path().join("camera.json");
+        fs::write(&path, json).unwrap();
+        let middle = read(&path).unwrap().body(I28F4::from_num(320), I28F4::from_num(240));
         assert!(middle[0] > Real::from_num(0.999_999));
+        let python = r#"{"camera_matrix": [[560.5, 0, 319.5], [0, 561, 239.5], [0, 0, 1]], "dist_coeffs": [[-0.2, 0.05, 0.001, -0.001, 0]], "image_width": 640, "image_height": 480}"#;
+        fs::write(&path, python).unwrap();
+        let yaml = folder.path().join("camera.yaml");
+        fs::write(&yaml, ROS).unwrap();
+        assert_eq!(read(&path).unwrap(), read(&yaml).unwrap());
     }
 
     #[test]
-    fn errors_name_file_and_field() {
+    fn a_calibration_of_another_size_is_scaled_by_whole_factors_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("camera.yaml");
+        fs::write(&path, ROS).unwrap();
+        let args = CameraArgs { camera: Some(path), ..CameraArgs::default() };
+        for (width, height, focal) in [(640, 480, 560.5), (320, 240, 280.25), (1280, 960, 1121.0)] {
+            let camera = args.camera(width, height, None).unwrap();
+            assert_eq!(camera.intrinsics().focal[0], Real::from_num(focal));
+            assert_eq!(camera.intrinsics().width as usize, width);
+        }
+        for (width, height) in [(640, 360), (320, 256), (480, 360)] {
+            let error = args.camera(width, height, None).unwrap_err().to_string();
+            assert!(error.contains("calibrated at 640x480, the frames are"), "{error}");
+        }
+    }
+
+    #[test]
+    fn errors_name_the_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cam.yaml");
-        for (from, to, reason) in [
-            ("image_width: 640\n", "", "image_width"),
-            ("rows: 3", "rows: 2", "camera_matrix: 2x3, but 9 numbers"),
-            ("560.5", "0.5", "focal length"),
-            ("560.5", ".nan", "fx: NaN is out of range"),
-            ("plumb_bob", "fisheye", "distortion_model: 'fisheye'"),
-            ("-0.2", "x", "distortion_coefficients"),
-            ("319.5", "1e4", "optical axis"),
-        ] {
-            fs::write(&path, ROS.replace(from, to)).unwrap();
-            let error = read(&path).unwrap_err().to_string();
-            assert!(error.contains("cam.yaml") && error.contains(reason), "{error}");
-        }
+        fs::write(&path, ROS.replace("plumb_bob", "omni")).unwrap();
+        let error = read(&path).unwrap_err().to_string();
+        assert!(
+            error.contains("cam.yaml") && error.contains("distortion_model: 'omni'"),
+            "{error}"
+        );
     }
 
     #[test]

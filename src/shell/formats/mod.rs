@@ -2,6 +2,7 @@
 //!
 //! In: paths. Out: checked values; an error names the file, the line and the field.
 
+pub mod calibration;
 pub mod camera_file;
 pub mod clips;
 mod dataflash;

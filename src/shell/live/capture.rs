@@ -14,8 +14,6 @@ use std::time::{Duration, Instant};
 
 /// How long one call waits for a frame: so soon an order to stop is heard.
 const SLICE: Duration = Duration::from_millis(100);
-/// A source without a frame for this long is opened again.
-const SILENT: Duration = Duration::from_secs(3);
 /// The first wait before it is opened again; it doubles up to the last.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
 const LAST_WAIT: Duration = Duration::from_secs(5);
@@ -149,7 +147,7 @@ impl Capture {
                         *wait = FIRST_WAIT;
                     }
                 }
-                Err(LiveError::Timeout) if last.elapsed() < SILENT => {}
+                Err(LiveError::Timeout) if last.elapsed() < source.silence() => {}
                 Err(error) => return Err(error),
             }
         }

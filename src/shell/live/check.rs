@@ -1,9 +1,12 @@
 //! Faults of settings that only the machine shows: files, folders and devices that they name.
 
 use super::config::Config;
+use super::source_setting::SourceSetting;
 use crate::shell::link::spec::Address;
 use crate::shell::link::{params, signing};
 use crate::shell::pipeline::ModelFile;
+use crate::shell::sources::process;
+use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
@@ -53,13 +56,21 @@ pub fn faults(config: &Config) -> Vec<Fault> {
         Ok(_) => Ok(()),
         Err(error) => Err(format!("{}; `lookout run` waits for it", named(path, error))),
     };
-    match config.source.split_once(':') {
-        Some(("v4l2", path)) => add("source", true, device(Path::new(path))),
-        Some(("file", path)) if !path.contains("://") && path != "-" => {
-            let path = Path::new(path);
+    // A program may be installed later, as a device may be plugged in.
+    let program = |name: &str| match process::find(OsStr::new(name)) {
+        Ok(_) => Ok(()),
+        Err(error) => Err(format!("{error}; install it, or name its path")),
+    };
+    match &config.source {
+        SourceSetting::Camera(path) => add("source", true, device(path)),
+        SourceSetting::File(path) => {
             add("source", false, fs::metadata(path).map(drop).map_err(|e| named(path, e)));
         }
-        _ => {}
+        SourceSetting::Program { words, .. } => {
+            add("source", true, words.first().map_or(Ok(()), |name| program(name)));
+        }
+        SourceSetting::Address(_) => add("source", true, program("ffmpeg")),
+        SourceSetting::Simulated(_) => {}
     }
     for link in &config.links {
         if let Address::Serial { device: path, .. } = &link.0.address {
@@ -90,13 +101,13 @@ pub fn faults(config: &Config) -> Vec<Fault> {
     if let Some(path) = calibration {
         let size = (config.camera.width as usize, config.camera.height as usize);
         let opened = File::open(path).map(drop).map_err(|e| named(path, e));
-        // A file has a size of its own, which only its frames show.
-        let is_file = config.source.starts_with("file:");
+        // A file or a stream has a size of its own, which only its frames show.
+        let own_size = config.source.is_stream() || matches!(config.source, SourceSetting::File(_));
         let fits = || config.camera(size, None).map(drop).map_err(|e| e.to_string());
         add(
             "camera.calibration",
             false,
-            opened.and_then(|()| if is_file { Ok(()) } else { fits() }),
+            opened.and_then(|()| if own_size { Ok(()) } else { fits() }),
         );
     }
     if does_nothing(config) {

@@ -1,6 +1,7 @@
 //! The settings of `lookout run`: a TOML file, checked against the table of keys.
 
 use super::keys::{self, KEYS};
+use super::source_setting::SourceSetting;
 use crate::mavlink::component::FLEET;
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::{CameraArgs, CameraFile};
@@ -23,7 +24,7 @@ use toml::{Spanned, Table, Value};
 #[allow(missing_docs, reason = "the table of keys documents every one")]
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Config {
-    pub source: String,
+    pub source: SourceSetting,
     pub repeat: bool,
     pub links: Vec<Link>,
     pub system_id: Option<u8>,
@@ -44,6 +45,7 @@ pub struct Config {
     pub preview_token: Option<String>,
     pub traffic: TrafficConfig,
     pub camera: CameraConfig,
+    pub stream: StreamConfig,
     /// The same as text, key by key.
     #[serde(skip)]
     values: Table,
@@ -69,6 +71,14 @@ pub struct CameraConfig {
     pub field_of_view: f64,
     pub mounting: Vec<f64>,
     pub controls: BTreeMap<String, i64>,
+}
+
+/// The table `stream`.
+#[allow(missing_docs, reason = "the table of keys documents every one")]
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct StreamConfig {
+    pub latency_ms: Option<u32>,
+    pub timeout_ms: u32,
 }
 
 /// A link as the file names it.
@@ -133,12 +143,21 @@ impl Config {
         if config.traffic.fleet.len() > FLEET {
             return Err(whole(&format!("traffic.fleet: more than {FLEET} callsigns")).into());
         }
+        let place = |key: &str| {
+            let found = places.get_ref().iter().find(|(name, _)| name.get_ref() == key);
+            found.map_or(0, |(name, _)| name.span().start)
+        };
+        if config.source.is_stream() && config.stream.latency_ms.is_none() {
+            let reason = "source: a stream's frames arrive late, and by how much has to be given: stream.latency_ms, the \
+                          milliseconds from exposure to arrival (film a running clock; 30 to 60 on the same board, 100 \
+                          to 300 over RTSP)";
+            return Err(at(place("source"), reason.into()).into());
+        }
         if config.preview.is_some_and(|address| !address.ip().is_loopback())
             && config.preview_token.is_none()
         {
             let reason = "preview: others can reach this address; give a preview_token, or listen at 127.0.0.1";
-            let place = places.get_ref().iter().find(|(name, _)| name.get_ref() == "preview");
-            return Err(at(place.map_or(0, |(name, _)| name.span().start), reason.into()).into());
+            return Err(at(place("preview"), reason.into()).into());
         }
         Ok(config)
     }
@@ -273,6 +292,9 @@ mod tests {
                 "{name}"
             );
         }
+        let text = "source = { exec = ['gst-launch-1.0', 'a \"b\"'] }\nstream.latency_ms = 40\n";
+        let config = parse(text).unwrap();
+        assert_eq!(parse(&print(Some(&config))).unwrap(), config);
         // Without a file: all defaults, ready for a source.
         let defaults = print(None).replacen("# source =", "source = \"file:x\"", 1);
         assert_eq!(parse(&defaults).unwrap(), parse("source = 'file:x'").unwrap());
@@ -307,6 +329,19 @@ mod tests {
             ),
             ("source = 'simulate:dance'\n", "line 1: source: expected v4l2:DEVICE"),
             ("source = 5\n", "line 1: source: expected v4l2:DEVICE"),
+            (
+                "repeat = true\nsource = 'rtsp://cam/x'\n",
+                "line 2: source: a stream's frames arrive late",
+            ),
+            (
+                "source = 'file:rtsp://cam/x'\n",
+                "line 1: source: file: plays recordings at their own",
+            ),
+            ("source = { exec = [] }\n", "line 1: source: exec is empty"),
+            (
+                "source = 'file:x'\n[stream]\nlatency_ms = -1\n",
+                "line 3: stream.latency_ms: expected a whole",
+            ),
             ("source = 'file:x'\nlinks = ['udpin:1']\n", "line 2: links: link 'udpin:1'"),
             (
                 "source = 'file:x'\nthreads = 1.5\n",

@@ -1,10 +1,9 @@
 //! Every key of the settings: meaning, unit, default, range, and whether a reload (SIGHUP) applies a change.
 
+use super::source_setting::SourceSetting;
 use crate::mavlink::messages::adsb::Callsign;
 use crate::shell::link::LinkSpec;
 use crate::shell::preview::is_token;
-use crate::shell::simulate::Kind as Flight;
-use clap::ValueEnum;
 use std::format;
 use std::net::SocketAddr;
 use std::string::{String, ToString};
@@ -15,6 +14,8 @@ use toml::Value;
 pub enum Kind {
     /// Text, and a check that gives the error, or nothing for the general one.
     Text(fn(&str) -> Result<(), String>),
+    /// A [`SourceSetting`].
+    Source,
     /// A list of texts.
     Texts(fn(&str) -> Result<(), String>),
     /// A whole number in an inclusive range.
@@ -50,11 +51,11 @@ pub struct Key {
 pub const KEYS: &[Key] = &[
     Key {
         name: "source",
-        kind: Kind::Text(source),
-        unit: "v4l2:DEVICE, file:PATH or simulate:crossing|hover|collision|receding|none",
+        kind: Kind::Source,
+        unit: "v4l2:DEVICE, rtsp://HOST/PATH, { exec = [\"PROGRAM\", \"ARGUMENT\"] }, file:PATH or simulate:crossing|hover|collision|receding|none",
         default: "",
         reload: true,
-        about: "Where frames come from; always needed. A file (video, .y4m, folder of pictures) or a simulated flight runs in real time.",
+        about: "Where frames come from; always needed. An address is received by ffmpeg; a program writes y4m to its standard output. A file (video, .y4m, folder of pictures) or a simulated flight runs in real time.",
     },
     Key {
         name: "repeat",
@@ -217,12 +218,28 @@ pub const KEYS: &[Key] = &[
         about: "The own fleet: an object in the direction of an ADSB_VEHICLE with one of these callsigns gets no text, ADSB_VEHICLE or COLLISION.",
     },
     Key {
+        name: "stream.latency_ms",
+        kind: Kind::Whole(0, 60_000),
+        unit: "milliseconds",
+        default: "",
+        reload: true,
+        about: "From exposure to arrival of a frame: camera, encoder, network and decoder. Needed for an address or a program; film a running clock to measure it.",
+    },
+    Key {
+        name: "stream.timeout_ms",
+        kind: Kind::Whole(200, 60_000),
+        unit: "milliseconds",
+        default: "2000",
+        reload: true,
+        about: "An address or a program without a frame for this long is ended and started again; the first frame may take 15 s.",
+    },
+    Key {
         name: "camera.width",
         kind: Kind::Whole(16, 4096),
         unit: "pixels",
         default: "640",
         reload: true,
-        about: "Width that a camera is asked for, or a simulated flight has; a file has its own.",
+        about: "Width that a camera is asked for, or a simulated flight has; an address is scaled down to fit into it, a file or a program has its own.",
     },
     Key {
         name: "camera.height",
@@ -291,7 +308,7 @@ impl Key {
     /// The expected value in words, for messages.
     pub fn expected(&self) -> String {
         let range = match self.kind {
-            Kind::Text(_) => return self.unit.into(),
+            Kind::Text(_) | Kind::Source => return self.unit.into(),
             Kind::Texts(_) => return format!("a list of {}", self.unit),
             Kind::Switch => return "true or false".into(),
             Kind::Wholes => return format!("a table of whole numbers: {}", self.unit),
@@ -315,6 +332,7 @@ impl Key {
         let number = |value: &Value| value.as_float().or(value.as_integer().map(|v| v as f64));
         let good = match self.kind {
             Kind::Text(check) => return text(check, value),
+            Kind::Source => return SourceSetting::check(value).map_err(|error| error.to_string()),
             Kind::Texts(check) => {
                 return value.as_array().ok_or_else(wrong)?.iter().try_for_each(|v| text(check, v));
             }
@@ -337,14 +355,6 @@ fn token(text: &str) -> Result<(), String> {
 
 fn any(_: &str) -> Result<(), String> {
     Ok(())
-}
-
-fn source(text: &str) -> Result<(), String> {
-    match text.split_once(':') {
-        Some(("v4l2" | "file", path)) if !path.is_empty() => Ok(()),
-        Some(("simulate", kind)) if Flight::from_str(kind, false).is_ok() => Ok(()),
-        _ => Err(String::new()),
-    }
 }
 
 fn link(text: &str) -> Result<(), String> {

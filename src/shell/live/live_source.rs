@@ -37,4 +37,9 @@ pub trait LiveSource {
     /// # Errors
     /// [`LiveError`]; `frame` may hold anything then.
     fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<Taken, LiveError>;
+
+    /// Without a frame for this long the source is opened again.
+    fn silence(&self) -> Duration {
+        Duration::from_secs(3)
+    }
 }

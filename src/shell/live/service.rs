@@ -35,7 +35,7 @@ use std::format;
 use std::io;
 use std::panic::resume_unwind;
 use std::path::Path;
-use std::string::String;
+use std::string::{String, ToString};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
@@ -348,7 +348,12 @@ impl<'a> Service<'a> {
             self.status = (self.summary.frames, now_us);
             let condition = self.condition(rate);
             self.notify.status(self.in_words(&condition));
-            self.outputs.show(condition, &self.config.source, &self.onboard, &self.links);
+            self.outputs.show(
+                condition,
+                &self.config.source.to_string(),
+                &self.onboard,
+                &self.links,
+            );
         }
     }
 
@@ -428,7 +433,7 @@ impl<'a> Service<'a> {
         let any = |prefixes: &[&str]| {
             changes.iter().any(|key| prefixes.iter().any(|prefix| key.name.starts_with(prefix)))
         };
-        if any(&["source", "repeat", "camera."]) {
+        if any(&["source", "repeat", "stream.", "camera."]) {
             match source::own_camera(&config) {
                 Ok(own) => self.own_camera = own,
                 Err(error) => tracing::error!("{error}"),

@@ -150,7 +150,7 @@ fn kinds(index: &Path) -> Result<BTreeMap<String, PictureKind>, RenderError> {
 
 /// The objects of a clip that stand before a plain sky, in runs of successive frames.
 fn runs(clip: &Clip) -> Result<Vec<Run>, RenderError> {
-    let mut source = sources::open(&clip.input.display().to_string())?;
+    let mut source = sources::open(&clip.input)?;
     let mut frame = Frame::default();
     let mut runs = Vec::new();
     let is_long = |run: &Run| {

@@ -44,7 +44,7 @@ const THRESHOLD: i32 = -1 << SCORE_BITS;
 pub struct ReplayArgs {
     /// Folder of PNG, JPEG or PGM pictures, .y4m, - (y4m on standard input), or any video ffmpeg reads; none: a simulated flight
     #[arg(value_name = "INPUT")]
-    input: Option<String>,
+    input: Option<PathBuf>,
     #[command(flatten)]
     detector: DetectorArgs,
     /// Write detections in MOTChallenge form: frame,-1,left,top,width,height,score

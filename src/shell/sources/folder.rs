@@ -1,21 +1,25 @@
 //! A folder of pictures, one frame each.
 
 use super::{Frame, FrameSource, SourceError, frame_time_us, has_extension, times};
+use crate::shell::support::text::read_text;
 use core::cmp::Ordering;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::vec::Vec;
 
 const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "pgm"];
-/// Pictures carry no time; without `times.csv`: frames a second as a fraction.
+/// Frames a second as a fraction where nothing says how fast pictures were taken.
 const RATE: (u32, u32) = (30, 1);
 
-/// The PNG, JPEG and PGM pictures of a folder in natural order (`2.png` before `10.png`), at 30
-/// frames a second or at the times of a recording; colour is converted to luma.
+/// The PNG, JPEG and PGM pictures of a folder in natural order (`2.png` before `10.png`); colour is converted to luma.
+///
+/// Their times are those of `times.csv` in the folder; else they have the rate that the user gives, else `fps` of the
+/// `camera.json` in the folder or beside it, else 30 frames a second.
 #[derive(Debug)]
 pub struct Folder {
     pictures: Vec<PathBuf>,
     times: Option<Vec<i64>>,
+    rate: (u32, u32),
     next: usize,
     size: Option<(usize, usize)>,
 }
@@ -25,8 +29,8 @@ impl Folder {
     ///
     /// # Errors
     /// [`SourceError::Open`] when it cannot be listed, [`SourceError::NoPictures`] when there is none,
-    /// [`SourceError::Times`].
-    pub fn new(folder: &Path) -> Result<Self, SourceError> {
+    /// [`SourceError::Times`], [`SourceError::Rate`].
+    pub fn new(folder: &Path, rate: Option<u32>) -> Result<Self, SourceError> {
         let failed = |source| SourceError::Open { path: folder.into(), source };
         let mut pictures = Vec::new();
         for entry in fs::read_dir(folder).map_err(failed)? {
@@ -43,7 +47,11 @@ impl Folder {
             natural_order(name(a).as_encoded_bytes(), name(b).as_encoded_bytes())
         });
         let times = times::read(folder, &pictures)?;
-        Ok(Self { pictures, times, next: 0, size: None })
+        let rate = match rate {
+            Some(rate) => (rate.max(1), 1),
+            None => rate_beside(folder)?.unwrap_or(RATE),
+        };
+        Ok(Self { pictures, times, rate, next: 0, size: None })
     }
 }
 
@@ -66,7 +74,7 @@ impl FrameSource for Folder {
         (frame.width, frame.height) = size;
         frame.time_us = match &self.times {
             Some(times) => times[self.next],
-            None => frame_time_us(self.next as u64, RATE),
+            None => frame_time_us(self.next as u64, self.rate),
         };
         frame.pixels = picture.into_raw();
         self.next += 1;
@@ -76,6 +84,22 @@ impl FrameSource for Folder {
     fn frame_count(&self) -> Option<u64> {
         Some(self.pictures.len() as u64)
     }
+}
+
+/// `fps` of the `camera.json` in `folder` or the folder that it lies in, thousandths of a frame exact.
+fn rate_beside(folder: &Path) -> Result<Option<(u32, u32)>, SourceError> {
+    for folder in [Some(folder), folder.parent()].into_iter().flatten() {
+        let path = folder.join("camera.json");
+        // A file that cannot be read or understood is complained about where its other numbers are needed.
+        let Ok(text) = read_text(&path) else { continue };
+        let Ok(value) = serde_json::from_str::<serde_json::Value>(&text) else { continue };
+        let Some(rate) = value.get("fps") else { continue };
+        return match rate.as_f64().filter(|rate| (1e-3..=1e3).contains(rate)) {
+            Some(rate) => Ok(Some(((rate * 1000.0).round() as u32, 1000))),
+            None => Err(SourceError::Rate { path, rate: rate.clone() }),
+        };
+    }
+    Ok(None)
 }
 
 /// Whether `path` names a picture that [`Folder`] reads.
@@ -140,7 +164,7 @@ mod tests {
         grey(folder.path(), "f011.pgm", 7, 11);
         grey(folder.path(), ".f1.png", 7, 1);
         fs::write(folder.path().join("notes.txt"), "no picture").unwrap();
-        let mut source = Folder::new(folder.path()).unwrap();
+        let mut source = Folder::new(folder.path(), None).unwrap();
         assert_eq!(source.frame_count(), Some(3));
         let mut frame = Frame::default();
         for (value, time_us) in [(9, 0), (10, 33_333), (11, 66_666)] {
@@ -152,11 +176,46 @@ mod tests {
     }
 
     #[test]
+    fn the_rate_is_that_of_the_camera_or_of_the_user() {
+        let root = tempfile::tempdir().unwrap();
+        let frames = root.path().join("frames");
+        fs::create_dir(&frames).unwrap();
+        grey(&frames, "1.png", 7, 1);
+        grey(&frames, "2.png", 7, 1);
+        let second = |rate| {
+            let mut source = Folder::new(&frames, rate)?;
+            let mut frame = Frame::default();
+            source.next_frame(&mut frame)?;
+            source.next_frame(&mut frame)?;
+            Ok::<i64, SourceError>(frame.time_us)
+        };
+        assert_eq!(second(None).unwrap(), 33_333);
+        assert_eq!(second(Some(20)).unwrap(), 50_000);
+        // Beside the folder, as in a clip; with a byte-order mark, as some editors write it.
+        fs::write(root.path().join("camera.json"), "\u{feff}{\"fps\": 10, \"fx\": 1}").unwrap();
+        assert_eq!(second(None).unwrap(), 100_000);
+        assert_eq!(second(Some(20)).unwrap(), 50_000);
+        fs::write(frames.join("camera.json"), "{\"fps\": 29.97}").unwrap();
+        assert_eq!(second(None).unwrap(), 33_366);
+        fs::write(frames.join("times.csv"), "\u{feff}1.png,0\r\n2.png,70\r\n").unwrap();
+        assert_eq!(second(Some(20)).unwrap(), 70);
+        fs::remove_file(frames.join("times.csv")).unwrap();
+        for bad in ["0", "-1", "\"x\"", "1e9", "null"] {
+            fs::write(frames.join("camera.json"), std::format!("{{\"fps\": {bad}}}")).unwrap();
+            let error = second(None).unwrap_err().to_string();
+            assert!(
+                error.contains("camera.json: fps is ") && error.contains("from 0.001"),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
     fn colour_becomes_luma() {
         let folder = tempfile::tempdir().unwrap();
         RgbImage::from_pixel(4, 4, Rgb([0, 255, 0])).save(folder.path().join("1.jpg")).unwrap();
         let mut frame = Frame::default();
-        let mut source = Folder::new(folder.path()).unwrap();
+        let mut source = Folder::new(folder.path(), None).unwrap();
         source.next_frame(&mut frame).unwrap();
         assert!(frame.pixels.iter().all(|&luma| (140..220).contains(&luma)));
     }
@@ -166,7 +225,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         grey(folder.path(), "1.png", 7, 1);
         grey(folder.path(), "2.png", 8, 1);
-        let mut source = Folder::new(folder.path()).unwrap();
+        let mut source = Folder::new(folder.path(), None).unwrap();
         let mut frame = Frame::default();
         assert!(source.next_frame(&mut frame).unwrap());
         let error = source.next_frame(&mut frame).unwrap_err().to_string();
@@ -187,7 +246,7 @@ mod tests {
             fs::write(folder.path().join(name), bytes).unwrap();
         }
         let mut frame = Frame::default();
-        let mut source = Folder::new(folder.path()).unwrap();
+        let mut source = Folder::new(folder.path(), None).unwrap();
         assert!(source.next_frame(&mut frame).unwrap());
         let error = source.next_frame(&mut frame).unwrap_err().to_string();
         assert!(error.contains("2.png: frame 2 cannot be decoded"), "{error}");
@@ -199,9 +258,9 @@ mod tests {
     #[test]
     fn an_empty_folder_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
-        let error = Folder::new(folder.path()).unwrap_err().to_string();
+        let error = Folder::new(folder.path(), None).unwrap_err().to_string();
         assert!(error.contains("no PNG, JPEG or PGM picture"), "{error}");
-        assert!(Folder::new(&folder.path().join("missing")).is_err());
+        assert!(Folder::new(&folder.path().join("missing"), None).is_err());
     }
 
     proptest::proptest! {

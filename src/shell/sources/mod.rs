@@ -1,16 +1,19 @@
 //! Where frames come from.
 
 mod folder;
+pub mod interlaced;
+pub mod process;
+pub mod stream;
 mod times;
 #[cfg(target_os = "linux")]
 pub mod v4l2;
 mod video;
-mod y4m;
+pub mod y4m;
 
 pub use folder::Folder;
 pub(crate) use folder::is_picture;
 use std::fs;
-pub use video::Video;
+pub use video::{Video, passthrough};
 pub use y4m::Y4m;
 pub(crate) use y4m::expand;
 
@@ -71,21 +74,29 @@ impl FrameSource for Box<dyn FrameSource> {
 ///
 /// # Errors
 /// [`SourceError`] when it is missing, empty or not of these forms.
-pub fn open(input: &str) -> Result<Box<dyn FrameSource>, SourceError> {
-    if input == "-" {
+pub fn open(input: impl AsRef<Path>) -> Result<Box<dyn FrameSource>, SourceError> {
+    open_at(input.as_ref(), None)
+}
+
+/// The same with the rate of pictures that have no times of their own, in frames a second.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_at(path: &Path, rate: Option<u32>) -> Result<Box<dyn FrameSource>, SourceError> {
+    if path == Path::new("-") {
         let reader = BufReader::new(io::stdin());
         return Ok(Box::new(Y4m::new(reader, "standard input")?));
     }
-    let path = Path::new(input);
-    if !input.contains("://") {
+    // An address has a scheme, and no name of a file need be text.
+    if !path.to_str().is_some_and(|text| text.contains("://")) {
         path.metadata().map_err(|source| SourceError::Open { path: path.into(), source })?;
     }
     if !path.is_dir() {
         return open_file(path);
     }
-    match (Folder::new(path), clip_input(path)) {
+    match (Folder::new(path, rate), clip_input(path)) {
         (Err(SourceError::NoPictures { .. }), Some(found)) if found.is_dir() => {
-            Ok(Box::new(Folder::new(&found)?))
+            Ok(Box::new(Folder::new(&found, rate)?))
         }
         (Err(SourceError::NoPictures { .. }), Some(found)) => open_file(&found),
         (pictures, _) => Ok(Box::new(pictures?)),
@@ -149,7 +160,7 @@ pub enum SourceError {
         path: PathBuf,
     },
     /// Times of pictures that are not understood.
-    #[error("{} line {line}: {reason}; without this file the pictures count as 30 a second", path.display())]
+    #[error("{} line {line}: {reason}; without this file the pictures have the rate of camera.json or --fps", path.display())]
     Times {
         /// The file.
         path: PathBuf,
@@ -157,6 +168,14 @@ pub enum SourceError {
         line: usize,
         /// What is wrong.
         reason: String,
+    },
+    /// A rate of pictures that is none.
+    #[error("{}: fps is {rate}, expected frames a second from 0.001 to 1000", path.display())]
+    Rate {
+        /// The file `camera.json`.
+        path: PathBuf,
+        /// What it says.
+        rate: serde_json::Value,
     },
     /// A stream without a frame.
     #[error("{name}: no frame in it; check how it was recorded")]

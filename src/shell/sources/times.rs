@@ -1,11 +1,12 @@
 //! The times of pictures in a folder: `times.csv`, a line `NAME,MICROSECONDS` each, rising, as a recording has it.
 
 use super::SourceError;
+use crate::shell::support::text::read_text;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
-use std::{format, fs, io};
+use std::{format, io};
 
 /// The time of every picture; `None` where the folder has no such file.
 ///
@@ -13,7 +14,7 @@ use std::{format, fs, io};
 /// [`SourceError::Open`], [`SourceError::Times`].
 pub fn read(folder: &Path, pictures: &[PathBuf]) -> Result<Option<Vec<i64>>, SourceError> {
     let path = folder.join("times.csv");
-    let text = match fs::read_to_string(&path) {
+    let text = match read_text(&path) {
         Ok(text) => text,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(source) => return Err(SourceError::Open { path, source }),
@@ -44,6 +45,7 @@ pub fn read(folder: &Path, pictures: &[PathBuf]) -> Result<Option<Vec<i64>>, Sou
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn times_are_those_of_the_file() {

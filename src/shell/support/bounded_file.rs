@@ -1,5 +1,6 @@
 //! Reading small files whose content is somebody else's: settings, parameters, keys.
 
+use super::text;
 use std::fs::{self, File};
 use std::io::{self, Error, ErrorKind, Read};
 use std::path::Path;
@@ -27,12 +28,12 @@ pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The same for text in UTF-8 of at most [`TEXT`] bytes.
+/// The same for text of at most [`TEXT`] bytes, in an encoding of [`text::decode`].
 ///
 /// # Errors
-/// As [`read`]; `InvalidData` where it is no UTF-8.
+/// As [`read`]; `InvalidData` for other encodings.
 pub fn read_text(path: &Path) -> io::Result<String> {
-    String::from_utf8(read(path, TEXT)?).map_err(|error| Error::new(ErrorKind::InvalidData, error))
+    text::decode(read(path, TEXT)?)
 }
 
 #[cfg(test)]

@@ -11,4 +11,5 @@ pub mod lock;
 pub mod parallel;
 pub mod print;
 pub mod random;
+pub mod text;
 pub mod vectors;

@@ -83,7 +83,7 @@ fn count(
 ) -> Result<(u64, Vec<(i32, bool)>), Error> {
     let input = format!("{}", clip.input.display());
     let mut found: Vec<Found> = Vec::new();
-    let mut source = sources::open(&input)?;
+    let mut source = sources::open(&clip.input)?;
     let args = DetectorArgs { frame, ..DetectorArgs::default() };
     pipeline::run::<Error>(&input, source.as_mut(), model, &args, &mut |number, _, detections| {
         found.extend(detections::found(number, detections));

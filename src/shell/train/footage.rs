@@ -184,7 +184,7 @@ fn read(
     (number, held_back, kind): (usize, bool, Kind),
 ) -> Result<(Footage, Vec<Run>), Error> {
     let input = clip.input.display().to_string();
-    let mut source = sources::open(&input)?;
+    let mut source = sources::open(&clip.input)?;
     let mut footage = Footage {
         number,
         kind,

@@ -12,7 +12,6 @@ use crate::shell::sources::{self, Frame};
 use crate::shell::support::interrupt;
 use serde::Serialize;
 use std::collections::VecDeque;
-use std::format;
 use std::string::String;
 use std::vec::Vec;
 
@@ -141,7 +140,7 @@ pub fn cut(clips: &[Clip], jobs: usize, strips: Vec<Strip>) -> Result<Option<Vec
 
 fn cut_clip(clip: &Clip, strips: &mut [(usize, Strip)]) -> Result<(), Error> {
     let last = strips.iter().map(|(_, strip)| strip.frame).max().unwrap_or(0);
-    let mut source = sources::open(&format!("{}", clip.input.display()))?;
+    let mut source = sources::open(&clip.input)?;
     let mut frames: VecDeque<Frame> = VecDeque::new();
     for number in 1..=last {
         // The oldest frame's memory takes the new one.

@@ -10,6 +10,14 @@ pub const CAPTURE: u32 = 1;
 pub const MMAP: u32 = 1;
 /// `V4L2_FIELD_NONE`: whole pictures, not every second line.
 pub const PROGRESSIVE: u32 = 1;
+/// `V4L2_FIELD_ANY`: what a driver leaves that does not know fields.
+pub const ANY_FIELD: u32 = 0;
+/// `V4L2_FIELD_INTERLACED`: both fields in one picture, the top one being the earlier one except in NTSC.
+pub const INTERLACED: u32 = 4;
+/// `V4L2_FIELD_INTERLACED_TB`: the same, top field first.
+pub const INTERLACED_TOP: u32 = 8;
+/// `V4L2_FIELD_INTERLACED_BT`: the same, bottom field first.
+pub const INTERLACED_BOTTOM: u32 = 9;
 
 /// `v4l2_capability`.
 #[repr(C)]

@@ -53,6 +53,14 @@ pub enum CameraError {
         /// What the camera has.
         offered: String,
     },
+    /// Fields that do not come as whole pictures.
+    #[error("{}: the camera gives fields apart (V4L2 field order {field}), not pictures; set a progressive mode, or give {{ exec = [..] }} a program that joins them", path.display())]
+    Fields {
+        /// The video node.
+        path: PathBuf,
+        /// The kernel's number of the order.
+        field: u32,
+    },
     /// A size that the camera does not have.
     #[error("{}: the camera has no {}x{} in {format}; the nearest is {}x{}", path.display(), wanted.0, wanted.1, nearest.0, nearest.1)]
     Size {

@@ -1,10 +1,13 @@
 //! Agreeing with a camera on how its pictures are to come.
 
-use super::abi::{Format, StreamParameters};
+use super::abi::{
+    ANY_FIELD, Format, INTERLACED, INTERLACED_BOTTOM, INTERLACED_TOP, PROGRESSIVE, StreamParameters,
+};
 use super::device::Device;
 use super::error::CameraError;
 use super::grey::Layout;
 use super::{PixelFormat, Settings};
+use crate::shell::sources::interlaced::Field;
 use rustix::io::{Errno, Result};
 use std::borrow::ToOwned;
 use std::path::Path;
@@ -50,14 +53,14 @@ pub fn agree(
                 nearest = Some((format, size));
             }
         } else if is_reached(rate, settings.rate) {
-            return Ok((layout(format, &granted), rate));
+            return Ok((layout(format, &granted, path)?, rate));
         } else {
             slow.get_or_insert(format);
         }
     }
     if let Some(format) = slow {
         let (granted, rate) = set(format)?;
-        return Ok((layout(format, &granted), rate));
+        return Ok((layout(format, &granted, path)?, rate));
     }
     Err(match nearest {
         Some((format, nearest)) => CameraError::Size {
@@ -122,7 +125,17 @@ fn is_reached(rate: Option<Rate>, wanted: Option<u32>) -> bool {
     })
 }
 
-fn layout(format: PixelFormat, granted: &Format) -> Layout {
+fn layout(
+    format: PixelFormat,
+    granted: &Format,
+    path: &Path,
+) -> core::result::Result<Layout, CameraError> {
+    let interlaced = match granted.field {
+        PROGRESSIVE | ANY_FIELD => None,
+        INTERLACED | INTERLACED_TOP => Some(Field::Top),
+        INTERLACED_BOTTOM => Some(Field::Bottom),
+        field => return Err(CameraError::Fields { path: path.into(), field }),
+    };
     let (width, height) = (granted.width as usize, granted.height as usize);
     let limited_range = match (format, granted.quantization) {
         (PixelFormat::Mjpeg, _) | (_, Format::FULL_RANGE) => false,
@@ -132,7 +145,7 @@ fn layout(format: PixelFormat, granted: &Format) -> Layout {
     };
     // A driver may leave out what follows from the width.
     let stride = (granted.bytes_per_line as usize).max(width * format.bytes_per_pixel());
-    Layout { format, width, height, stride, limited_range }
+    Ok(Layout { format, width, height, stride, limited_range, interlaced })
 }
 
 #[cfg(test)]
@@ -144,7 +157,7 @@ mod tests {
         let limited = |format, quantization, colorspace| {
             let granted =
                 Format { quantization, colorspace, width: 4, height: 2, ..Default::default() };
-            layout(format, &granted).limited_range
+            layout(format, &granted, Path::new("v")).unwrap().limited_range
         };
         let srgb = 8;
         assert!(limited(PixelFormat::Yuyv, 0, srgb));
@@ -157,10 +170,32 @@ mod tests {
     }
 
     #[test]
+    fn the_granted_field_order_is_heeded() {
+        let order = |field| {
+            let granted = Format { field, width: 4, height: 2, ..Default::default() };
+            layout(PixelFormat::Yuyv, &granted, Path::new("/dev/video7"))
+        };
+        for (field, wanted) in [
+            (0, None),
+            (1, None),
+            (4, Some(Field::Top)),
+            (8, Some(Field::Top)),
+            (9, Some(Field::Bottom)),
+        ] {
+            assert_eq!(order(field).unwrap().interlaced, wanted);
+        }
+        // Top or bottom alone, one after the other in a buffer, in turn.
+        for field in [2, 3, 5, 6, 7, 10] {
+            let error = order(field).unwrap_err().to_string();
+            assert!(error.starts_with("/dev/video7: the camera gives fields apart"), "{error}");
+        }
+    }
+
+    #[test]
     fn the_stride_is_never_less_than_a_row() {
         let stride = |format, bytes_per_line| {
             let granted = Format { bytes_per_line, width: 6, height: 2, ..Default::default() };
-            layout(format, &granted).stride
+            layout(format, &granted, Path::new("v")).unwrap().stride
         };
         assert_eq!(stride(PixelFormat::Grey, 0), 6);
         assert_eq!(stride(PixelFormat::Grey, 64), 64);

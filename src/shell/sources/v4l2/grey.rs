@@ -3,6 +3,7 @@
 use super::PixelFormat;
 use super::error::Damaged;
 use super::mjpeg;
+use crate::shell::sources::interlaced::{Field, keep_earlier};
 use crate::shell::sources::{Frame, expand};
 
 /// How the pictures of a stream lie in its buffers.
@@ -20,6 +21,8 @@ pub struct Layout {
     /// A driver that does not say so leaves the format's default. That is limited for YUYV, UYVY and NV12, full for
     /// MJPEG and GREY.
     pub limited_range: bool,
+    /// The earlier field, where a picture holds two.
+    pub interlaced: Option<Field>,
 }
 
 /// Turns buffers to frames.
@@ -49,6 +52,9 @@ impl Converter {
         }
         if self.layout.limited_range {
             frame.pixels.iter_mut().for_each(|pixel| *pixel = expand(*pixel));
+        }
+        if let Some(earlier) = self.layout.interlaced {
+            keep_earlier(&mut frame.pixels, width, earlier);
         }
         Ok(())
     }
@@ -102,7 +108,7 @@ mod tests {
             |(format, half, height, padding, limited_range)| {
                 let width = 2 * half;
                 let stride = width * format.bytes_per_pixel() + padding;
-                Layout { format, width, height, stride, limited_range }
+                Layout { format, width, height, stride, limited_range, interlaced: None }
             },
         )
     }

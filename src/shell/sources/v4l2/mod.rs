@@ -5,7 +5,7 @@
 //! kernel's documentation, "Video for Linux API".
 //!
 //! Cameras on the connector of a Raspberry Pi or a Jetson give raw sensor data here; they need libcamera or the vendor's
-//! own stack in front, and then a loopback device or a video stream.
+//! own stack in front, as a program that lookout starts (`boards/linux/cameras/`) or with a loopback device.
 
 mod abi;
 mod controls;

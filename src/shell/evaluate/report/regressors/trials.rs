@@ -20,7 +20,6 @@ use crate::shell::support::random::Random;
 use crate::stcube::compensation::{self};
 use crate::stcube::cube::Cube;
 use std::collections::VecDeque;
-use std::format;
 use std::vec::Vec;
 
 /// Frames drawn in all, about.
@@ -127,7 +126,7 @@ fn run_clip(
 ) -> Result<Vec<Trial>, Error> {
     let mut trials = Vec::new();
     let Some(&last) = drawn.last() else { return Ok(trials) };
-    let mut source = sources::open(&format!("{}", clip.input.display()))?;
+    let mut source = sources::open(&clip.input)?;
     // Made anew where frames are left out.
     let mut state: Option<(FrontEnd, Memory)> = None;
     let mut recent: VecDeque<Frame> = VecDeque::new();
@@ -249,6 +248,7 @@ impl Scene<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::format;
     use std::path::Path;
 
     #[test]

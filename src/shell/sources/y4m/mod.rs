@@ -2,10 +2,13 @@
 //!
 //! An own reader because the `y4m` crate reports a stream cut inside a frame as its regular end.
 
+mod header;
+
+pub use header::{Header, RawLayout};
+
+use super::interlaced::keep_earlier;
 use super::{Frame, FrameSource, SourceError, frame_time_us};
-use core::str;
 use std::borrow::ToOwned;
-use std::format;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
@@ -14,29 +17,22 @@ use std::vec::Vec;
 
 /// Longest header line, bytes; longer ones are damage.
 const LINE: u64 = 1024;
-/// Largest width and height, pixels.
-const SIDE: usize = 16_384;
+/// Frames a second where the stream does not say.
+const RATE: (u32, u32) = (25, 1);
 
-/// A y4m stream: `mono`, 4:2:0, 4:2:2 and 4:4:4 with 8 bits; only the luma is kept.
+/// A y4m stream: `mono`, 4:1:1, 4:2:0, 4:2:2 and 4:4:4 with 8 to 16 bits; only the luma is kept, of interlaced frames the
+/// earlier field.
 ///
-/// Frames are full-range grey: `mono` is taken as it is, the luma of a colour stream is expanded
-/// from 16..=235 to 0..=255 unless its header says `XCOLORRANGE=FULL`.
+/// Frames are full-range grey of 8 bits: `mono` is taken as it is, the luma of a colour stream is expanded
+/// from 16..=235 (times 2^(bits - 8)) to 0..=255 unless its header says `XCOLORRANGE=FULL`.
 #[derive(Debug)]
 pub struct Y4m<R> {
     reader: R,
     name: String,
     header: Header,
     read: u64,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq)]
-struct Header {
-    width: usize,
-    height: usize,
-    rate: (u32, u32),
-    /// Bytes of both chroma planes together.
-    chroma: u64,
-    limited_range: bool,
+    /// Samples of more than 8 bits of one frame.
+    wide: Vec<u8>,
 }
 
 impl Y4m<BufReader<File>> {
@@ -58,7 +54,7 @@ impl<R: BufRead> Y4m<R> {
     /// [`SourceError::Header`] with the field that is not understood, [`SourceError::Read`].
     pub fn new(mut reader: R, name: &str) -> Result<Self, SourceError> {
         let header = match read_line(&mut reader) {
-            Ok(Some(line)) => parse_header(&line),
+            Ok(Some(line)) => Header::parse(&line),
             Ok(None) => Err("it ends before the first line is complete".to_owned()),
             Err(source) => {
                 return Err(SourceError::Read { name: name.to_owned(), frame: 1, source });
@@ -66,7 +62,12 @@ impl<R: BufRead> Y4m<R> {
         };
         let header =
             header.map_err(|reason| SourceError::Header { name: name.to_owned(), reason })?;
-        Ok(Self { reader, name: name.to_owned(), header, read: 0 })
+        Ok(Self::with_header(reader, name, header))
+    }
+
+    /// The frames of a stream whose header is known; `name` stands for the stream in errors.
+    pub fn with_header(reader: R, name: &str, header: Header) -> Self {
+        Self { reader, name: name.to_owned(), header, read: 0, wide: Vec::new() }
     }
 
     /// How many frames were read so far.
@@ -83,19 +84,41 @@ impl<R: BufRead> Y4m<R> {
         }
     }
 
+    fn read_frame_line(&mut self) -> Result<(), SourceError> {
+        let line = read_line(&mut self.reader).map_err(|source| self.read_failed(source))?;
+        match line.as_deref() {
+            Some(line) if line == b"FRAME" || line.starts_with(b"FRAME ") => Ok(()),
+            Some(_) => {
+                Err(SourceError::FrameHeader { name: self.name.clone(), frame: self.read + 1 })
+            }
+            None => Err(self.read_failed(io::ErrorKind::UnexpectedEof.into())),
+        }
+    }
+
     /// Reads the planes of one frame into `pixels`.
     fn read_planes(&mut self, pixels: &mut Vec<u8>) -> io::Result<()> {
-        pixels.resize(self.header.width * self.header.height, 0);
-        self.reader.read_exact(pixels)?;
-        let chroma = self.header.chroma;
-        let skipped = io::copy(&mut self.reader.by_ref().take(chroma), &mut io::sink())?;
-        if skipped < chroma {
+        let Self { reader, header, wide, .. } = self;
+        pixels.resize(header.width * header.height, 0);
+        if header.depth > 8 {
+            wide.resize(2 * pixels.len(), 0);
+            reader.read_exact(wide)?;
+            for (pixel, sample) in pixels.iter_mut().zip(wide.chunks_exact(2)) {
+                *pixel = header.grey(u16::from_le_bytes([sample[0], sample[1]]));
+            }
+        } else {
+            reader.read_exact(pixels)?;
+            if header.limited_range {
+                for pixel in pixels.iter_mut() {
+                    *pixel = expand(*pixel);
+                }
+            }
+        }
+        let skipped = io::copy(&mut reader.by_ref().take(header.skipped), &mut io::sink())?;
+        if skipped < header.skipped {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
-        if self.header.limited_range {
-            for pixel in pixels {
-                *pixel = expand(*pixel);
-            }
+        if let Some(earlier) = header.interlaced {
+            keep_earlier(pixels, header.width, earlier);
         }
         Ok(())
     }
@@ -114,23 +137,14 @@ impl<R: BufRead> FrameSource for Y4m<R> {
                 Ok(false)
             };
         }
-        let line = read_line(&mut self.reader).map_err(|source| self.read_failed(source))?;
-        match line.as_deref() {
-            Some(b"FRAME") => {}
-            Some(line) if line.starts_with(b"FRAME ") => {}
-            Some(_) => {
-                return Err(SourceError::FrameHeader {
-                    name: self.name.clone(),
-                    frame: self.read + 1,
-                });
-            }
-            None => return Err(self.read_failed(io::ErrorKind::UnexpectedEof.into())),
+        if self.header.framed {
+            self.read_frame_line()?;
         }
         // The size first: a frame cut off half way still has the pixels its size promises.
         frame.width = self.header.width;
         frame.height = self.header.height;
         self.read_planes(&mut frame.pixels).map_err(|source| self.read_failed(source))?;
-        frame.time_us = frame_time_us(self.read, self.header.rate);
+        frame.time_us = frame_time_us(self.read, self.header.rate.unwrap_or(RATE));
         self.read += 1;
         Ok(true)
     }
@@ -151,66 +165,6 @@ fn read_line(reader: &mut impl BufRead) -> io::Result<Option<Vec<u8>>> {
     })
 }
 
-fn parse_header(line: &[u8]) -> Result<Header, String> {
-    let fields = line
-        .strip_prefix(b"YUV4MPEG2")
-        .ok_or("it does not begin with YUV4MPEG2; is this a .y4m file?")?;
-    let fields = str::from_utf8(fields).map_err(|_| "it is not text")?;
-    let (mut width, mut height, mut rate) = (None, None, (25, 1));
-    let (mut chroma_format, mut full_range) = ("420", false);
-    for field in fields.split_ascii_whitespace() {
-        match field.split_at_checked(1) {
-            Some(("W", value)) => width = Some(parse_side("width W", value)?),
-            Some(("H", value)) => height = Some(parse_side("height H", value)?),
-            Some(("F", value)) => rate = parse_rate(value)?,
-            Some(("C", value)) => chroma_format = value,
-            Some(("X", value)) => full_range |= value.eq_ignore_ascii_case("COLORRANGE=FULL"),
-            // Interlacing, aspect and comments do not change the samples.
-            _ => {}
-        }
-    }
-    let width = width.ok_or("width W is missing")?;
-    let height = height.ok_or("height H is missing")?;
-    let half_width = width.div_ceil(2);
-    let plane = match chroma_format {
-        "mono" => 0,
-        "420" | "420jpeg" | "420mpeg2" | "420paldv" => half_width * height.div_ceil(2),
-        "422" => half_width * height,
-        "444" => width * height,
-        other => {
-            return Err(format!(
-                "colour space C is '{other}', expected mono, 420, 422 or 444 with 8 bits; convert it with ffmpeg -pix_fmt gray"
-            ));
-        }
-    };
-    Ok(Header {
-        width,
-        height,
-        rate,
-        chroma: 2 * plane as u64,
-        limited_range: chroma_format != "mono" && !full_range,
-    })
-}
-
-fn parse_side(field: &str, value: &str) -> Result<usize, String> {
-    value
-        .parse()
-        .ok()
-        .filter(|side| (1..=SIDE).contains(side))
-        .ok_or_else(|| format!("{field} is '{value}', expected a number from 1 to {SIDE}"))
-}
-
-fn parse_rate(value: &str) -> Result<(u32, u32), String> {
-    let rate =
-        value.split_once(':').and_then(|(num, den)| Some((num.parse().ok()?, den.parse().ok()?)));
-    match rate {
-        // What the format says for "unknown".
-        Some((0, 0)) => Ok((25, 1)),
-        Some((num, den)) if num > 0 && den > 0 => Ok((num, den)),
-        _ => Err(format!("frame rate F is '{value}', expected for example 30:1")),
-    }
-}
-
 /// Limited-range luma (16 black, 235 white) to full range, rounded.
 pub(crate) fn expand(luma: u8) -> u8 {
     let above = u32::from(luma.clamp(16, 235)) - 16;
@@ -220,6 +174,8 @@ pub(crate) fn expand(luma: u8) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::format;
+    use std::string::String;
     use std::string::ToString;
     use std::vec;
 
@@ -249,7 +205,9 @@ mod tests {
 
     #[test]
     fn luma_of_every_layout() {
-        for (layout, chroma) in [("mono", 0), ("420", 4), ("420jpeg", 4), ("422", 6), ("444", 18)] {
+        for (layout, chroma) in
+            [("mono", 0), ("411", 6), ("420", 4), ("420jpeg", 4), ("422", 6), ("444", 18)]
+        {
             let frames: Vec<Vec<u8>> = (0..3)
                 .map(|number| {
                     let mut bytes: Vec<u8> = (0..9).map(|i| 100 + number * 10 + i).collect();
@@ -290,6 +248,71 @@ mod tests {
     }
 
     #[test]
+    fn samples_of_more_bits() {
+        // (depth, sample, full range, limited range)
+        for (depth, sample, full, limited) in [
+            (10u32, 0u16, 0, 0),
+            (10, 1023, 255, 255),
+            (10, 64, 16, 0),
+            (10, 940, 234, 255),
+            (10, 502, 125, 128),
+            (16, 0x8000, 128, 130),
+            (16, u16::MAX, 255, 255),
+            (12, 4095, 255, 255),
+        ] {
+            for (layout, wanted) in [("mono", full), ("420p", limited), ("444p", limited)] {
+                let chroma = match layout {
+                    "mono" => 0,
+                    "420p" => 2,
+                    _ => 4,
+                };
+                let mut bytes = std::vec::Vec::new();
+                (0..2 + chroma).for_each(|_| bytes.extend(sample.to_le_bytes()));
+                let stream =
+                    stream(&format!("W2 H1 F0:0 C{layout}{depth}"), &[bytes.clone(), bytes]);
+                let mut frame = Frame::default();
+                let mut source = open(&stream).unwrap();
+                for time_us in [0, 40_000] {
+                    assert!(source.next_frame(&mut frame).unwrap());
+                    assert_eq!(
+                        (frame.pixels.as_slice(), frame.time_us),
+                        (&[wanted; 2][..], time_us)
+                    );
+                }
+                assert!(!source.next_frame(&mut frame).unwrap());
+            }
+        }
+    }
+
+    #[test]
+    fn of_interlaced_frames_the_earlier_field_is_kept() {
+        for (field, wanted) in [("It", [10, 20, 30]), ("Ib", [0, 0, 0]), ("Ip", [10, 0, 30])] {
+            let bytes = stream(&format!("W1 H3 F25:1 {field} Cmono"), &[vec![10, 0, 30]]);
+            let mut frame = Frame::default();
+            assert!(open(&bytes).unwrap().next_frame(&mut frame).unwrap());
+            assert_eq!(frame.pixels, wanted, "{field}");
+        }
+    }
+
+    #[test]
+    fn frames_without_headers() {
+        for (layout, behind, first) in
+            [(RawLayout::Grey, 0, 16), (RawLayout::I420, 4, 0), (RawLayout::Nv12, 4, 0)]
+        {
+            let mut bytes = vec![16, 235, 16];
+            bytes.extend(vec![99; behind]);
+            let bytes = [bytes.clone(), bytes].concat();
+            let mut source = Y4m::with_header(&bytes[..], "raw", Header::raw(layout, 3, 1));
+            let mut frame = Frame::default();
+            for _ in 0..2 {
+                assert!(source.next_frame(&mut frame).unwrap());
+                assert_eq!(frame.pixels[0], first);
+            }
+            assert!(!source.next_frame(&mut frame).unwrap());
+        }
+    }
+
+    #[test]
     fn a_cut_is_told_from_the_end() {
         let bytes = stream("W3 H2 F30:1 Cmono", &[vec![1; 6], vec![2; 6]]);
         let second = bytes.len() - 12;
@@ -314,8 +337,11 @@ mod tests {
             ("W99999999999999999999 H2", "width W is"),
             ("W2 H-2", "height H is '-2'"),
             ("W2 H2 F30:0", "frame rate F is '30:0'"),
+            ("W2 H2 F0:5", "frame rate F is '0:5'"),
             ("W2 H2 F30", "frame rate F is '30'"),
-            ("W2 H2 C420p10", "colour space C is '420p10'"),
+            ("W2 H2 C420p8", "colour space C is '420p8'"),
+            ("W2 H2 Cmono17", "colour space C is 'mono17'"),
+            ("W2 H2 C422jpeg", "colour space C is '422jpeg'"),
         ] {
             let found = error(&stream(header, &[]));
             assert!(found.starts_with("t.y4m: y4m header: ") && found.contains(reason), "{found}");
