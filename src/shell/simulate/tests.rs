@@ -275,7 +275,7 @@ fn rendered_flights_are_clips() {
             };
             assert_eq!(bytes(clip), bytes(again), "{file}");
         }
-        let mut source = sources::open(&clip.input.display().to_string()).unwrap();
+        let mut source = sources::open(&clip.input).unwrap();
         let mut frame = Frame::default();
         let mut frames = 0;
         while source.next_frame(&mut frame).unwrap() {

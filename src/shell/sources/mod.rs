@@ -74,7 +74,7 @@ impl FrameSource for Box<dyn FrameSource> {
 ///
 /// # Errors
 /// [`SourceError`] when it is missing, empty or not of these forms.
-pub fn open(input: impl AsRef<Path>) -> Result<Box<dyn FrameSource>, SourceError> {
+pub fn open<P: AsRef<Path> + ?Sized>(input: &P) -> Result<Box<dyn FrameSource>, SourceError> {
     open_at(input.as_ref(), None)
 }
 

@@ -104,7 +104,7 @@ fn clip(input: &Path, directory: &Path) -> Result<Clip, Error> {
 pub fn frames(clips: &[Clip]) -> Result<u64, Error> {
     let mut total = 0;
     for clip in clips {
-        let mut source = sources::open(&clip.input.display().to_string())?;
+        let mut source = sources::open(&clip.input)?;
         total += match source.frame_count() {
             Some(count) => count,
             None => {
