@@ -1,10 +1,9 @@
 //! The clips that are learned from: sampled frames, ground truth, pasted objects. Frames stay in their files.
 
-use super::listing::{self, Kind};
-use super::paste::{self, Anchor, Run, Runs, Scenery, Turning};
-use super::playback::{Playback, difference};
+use super::TrainArgs;
+use super::listing::Kind;
+use super::paste::{Anchor, Run, Runs, Turning};
 use super::spool::Spool;
-use super::{TrainArgs, TrainError};
 use crate::channels::front_end::REACH;
 use crate::channels::window::SLICES;
 use crate::registration::{Motion, Registration};
@@ -12,8 +11,6 @@ use crate::shell::error::Error;
 use crate::shell::formats::clips::{self, TruthBox};
 use crate::shell::pipeline::scaled::{FrameSize, Scaling};
 use crate::shell::sources::{self, Frame};
-use crate::shell::support::parallel;
-use crate::shell::support::random::Random;
 use std::ops::Range;
 use std::string::{String, ToString};
 use std::sync::Arc;
@@ -44,12 +41,12 @@ pub struct Footage {
     /// Size that frames are scaled to.
     pub frame: Option<FrameSize>,
     /// Index of the first sampled frame, and frames from one to the next.
-    sampling: (usize, usize),
+    pub(super) sampling: (usize, usize),
     /// Anchor of objects to be pasted in; none where none are.
-    anchor: Option<Anchor>,
+    pub(super) anchor: Option<Anchor>,
     /// Place of the patch of each frame: the pixels that pasting changes.
-    patches: Vec<Range<u64>>,
-    spool: Option<Arc<Spool>>,
+    pub(super) patches: Vec<Range<u64>>,
+    pub(super) spool: Option<Arc<Spool>>,
 }
 
 impl Footage {
@@ -58,7 +55,7 @@ impl Footage {
         next_sample(index, self.sampling) - index <= HISTORY
     }
 
-    /// Reads the patch of the frame at `index` (from 0), for [`super::playback::apply`]; empty without one.
+    /// Reads the patch of the frame at `index` (from 0), for [`super::patch::apply`]; empty without one.
     ///
     /// # Errors
     /// [`Error::Write`] when the file of patches cannot be read.
@@ -76,108 +73,13 @@ fn next_sample(index: usize, (first, every): (usize, usize)) -> usize {
     if index <= first { first } else { first + (index - first).div_ceil(every) * every }
 }
 
-/// Frames that objects are pasted into at once: those in memory meanwhile, and the longest that an object is in sight.
-const SECTION: usize = 150;
-
-/// Objects pasted into a clip without targets where `--paste` does not say how many.
-const INTO_EMPTY: usize = 3;
-
-/// Looks through the clips of all folders and samples about `--samples` frames of each folder, evenly spread.
-///
-/// # Errors
-/// [`Error`] of the first clip that cannot be read.
-pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Error> {
-    let mut footage: Vec<Footage> = Vec::new();
-    let mut library: Vec<Vec<Run>> = Vec::new();
-    for (folder, kind) in listing::folders(args) {
-        let clips = listing::clips(&folder, kind)?;
-        let frames = match kind {
-            Kind::Empty => listing::frames(&clips)?,
-            _ => clips.iter().map(|c| c.ground_truth.last_frame().max(1)).sum(),
-        };
-        let every = (frames as usize / args.samples.max(1)).max(1);
-        let before = footage.len();
-        let numbered: Vec<_> = clips.into_iter().enumerate().collect();
-        let loaded = parallel::map(numbered, |(place, clip)| {
-            let held_back = is_held_back(place, args.hold_back);
-            let footage = read(clip, every, args, (before + place, held_back, kind));
-            tick();
-            footage
-        });
-        for clip in loaded {
-            let (clip, runs) = clip?;
-            footage.push(clip);
-            library.extend((!runs.is_empty()).then_some(runs));
-        }
-    }
-    let pasted = pasted(&footage, &library, args)?;
-    if args.paste > 0
-        && pasted.iter().all(|clip| clip.boxes.iter().flatten().all(|b| b.id < paste::FIRST_ID))
-    {
-        return Err(TrainError::NothingToPaste.into());
-    }
-    footage.extend(pasted);
-    Ok(footage)
-}
-
-/// Copies of the clips that have an anchor, with objects of other clips pasted in. A section's frames are in memory while
-/// objects are pasted into them.
-fn pasted(
-    footage: &[Footage],
-    library: &[Vec<Run>],
-    args: &TrainArgs,
-) -> Result<Vec<Footage>, Error> {
-    if library.is_empty() {
-        return Ok(Vec::new());
-    }
-    let spool = Arc::new(Spool::create(&args.out)?);
-    let count = if args.paste > 0 { args.paste } else { INTO_EMPTY };
-    let anchored = footage.iter().filter_map(|clip| Some((clip, clip.anchor.as_ref()?)));
-    let pasted = parallel::map(anchored.collect(), |(clip, anchor)| {
-        let number = footage.len() + clip.number;
-        let mut random = Random::new(args.seed ^ (number as u64).rotate_left(24));
-        let mut playback = Playback::open(clip)?;
-        let mut boxes = clip.boxes.clone();
-        let mut patches = Vec::new();
-        for (section, boxes) in boxes.chunks_mut(SECTION).enumerate() {
-            let first = section * SECTION;
-            let frames: Result<Vec<Frame>, Error> = (first..first + boxes.len())
-                .map(|index| playback.frame(index + 1).cloned())
-                .collect();
-            let frames = frames?;
-            let mut changed = frames.clone();
-            let scenery = Scenery { anchor, first, frames: &mut changed, boxes };
-            paste::paste(scenery, library, count, &mut random);
-            for (before, after) in frames.iter().zip(&changed) {
-                patches.push(spool.append(&difference(&before.pixels, &after.pixels))?);
-            }
-        }
-        Ok(Footage {
-            number,
-            kind: clip.kind,
-            pasted: true,
-            held_back: false,
-            samples: clip.samples.clone(),
-            boxes,
-            size: clip.size,
-            input: clip.input.clone(),
-            frame: clip.frame,
-            sampling: clip.sampling,
-            anchor: None,
-            patches,
-            spool: Some(Arc::clone(&spool)),
-        })
-    });
-    pasted.into_iter().collect()
-}
-
 /// Whether the clip at `place` of a folder is held back: every `hold_back`th (0: none).
 pub fn is_held_back(place: usize, hold_back: usize) -> bool {
     hold_back > 0 && place % hold_back == hold_back - 1
 }
 
 /// Looks through a clip; also gives objects that can be pasted into others, if these are asked for.
-fn read(
+pub(super) fn read(
     clip: clips::Clip,
     every: usize,
     args: &TrainArgs,

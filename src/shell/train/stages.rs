@@ -1,10 +1,11 @@
 //! The stages of training, each from the parts before it.
 
 use super::boost::{Bagging, Data, Loss, Options, Samples, TrainedForest, reject_thresholds};
+use super::collection;
 use super::cubes::{self, Row};
 use super::file::Parts;
 use super::fits;
-use super::footage::{self, Footage};
+use super::footage::Footage;
 use super::growth::{bag, boost};
 use super::labels::BIRD;
 use super::listing::Kind;
@@ -99,7 +100,7 @@ impl<'a> Trainer<'a> {
     /// Looks through the clips.
     pub fn load(args: &'a TrainArgs, recipe: Recipe, report: &Report) -> Result<Self, Error> {
         let bar = report.bar("reading clips", 0);
-        let footage = footage::load(args, || bar.inc(1))?;
+        let footage = collection::load(args, || bar.inc(1))?;
         bar.finish_and_clear();
         Ok(Self { args, recipe, footage })
     }
