@@ -143,7 +143,7 @@ fn replay_of_a_simulated_flight() {
     succeeded(lookout(&simulate, b""));
     assert_eq!(succeeded(lookout(&["replay", &out, "--digest"], b"")), digest(&[]));
     let evaluated = succeeded(lookout(&["eval", &path(&folder, "flights")], b""));
-    assert!(evaluated.starts_with("AveP: "), "{evaluated}");
+    assert!(evaluated.contains("average precision (AveP)"), "{evaluated}");
     let line = complaint(&lookout(&simulate, b""));
     assert!(line.contains("flights/one"), "{line}");
 }
@@ -258,10 +258,16 @@ fn eval_and_score_agree() {
     let folder = tempfile::tempdir().unwrap();
     let (data, out) = (split(&folder), path(&folder, "out"));
     let evaluated = succeeded(lookout(&["eval", &data, "--out", &out], b""));
-    assert!(evaluated.starts_with("AveP: "), "{evaluated}");
-    assert!(evaluated.contains("frames: 6\npositives: 6\n"), "{evaluated}");
+    assert!(evaluated.contains(": 2 clips, 6 frames (0.0001 hours), 6 targets\n"), "{evaluated}");
     let scored = succeeded(lookout(&["score", &data, &out], b""));
-    assert!(evaluated.starts_with(&scored) && evaluated.contains("windows_kept_per_frame: "));
+    let rows = |text: &str| {
+        let rows = text.lines().skip_while(|line| !line.starts_with("Accuracy"));
+        rows.take_while(|line| !line.is_empty()).map(String::from).collect::<Vec<_>>()
+    };
+    assert!(rows(&scored).len() > 10, "{scored}");
+    assert_eq!(rows(&scored), rows(&evaluated));
+    assert!(evaluated.contains("Reliability of the model's precisions"), "{evaluated}");
+    assert!(evaluated.contains("frames registered, share"), "{evaluated}");
     assert_eq!(succeeded(lookout(&["eval", &data, "--jobs", "1"], b"")), evaluated);
 
     let one = succeeded(lookout(&["eval", &data, "--clips", "eas", "--json"], b""));
@@ -274,20 +280,48 @@ fn eval_and_score_agree() {
 }
 
 #[test]
-fn eval_names_what_is_broken() {
+fn one_broken_clip_does_not_end_an_evaluation() {
     let folder = tempfile::tempdir().unwrap();
     let (data, out) = (split(&folder), path(&folder, "out"));
     let west = Path::new(&data).join("west");
     fs::write(west.join("frames/0005.png"), "not a picture").unwrap();
-    let line = complaint(&lookout(&["eval", &data, "--out", &out, "--jobs", "1"], b""));
-    assert!(line.contains("west") && line.contains("0005.png"), "{line}");
-    assert!(Path::new(&out).join("east.txt").exists(), "the clip before it was complete");
+    let left_out = |args: &[&str]| {
+        let output = lookout(args, b"");
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{text}");
+        assert!(text.contains("lookout: 1 of 2 clips left out"), "{text}");
+        (String::from_utf8(output.stdout).unwrap(), text)
+    };
+    let (printed, text) = left_out(&["eval", &data, "--out", &out, "--jobs", "1"]);
+    assert!(text.contains("west left out") && text.contains("0005.png"), "{text}");
+    assert!(printed.contains("1 clips, 3 frames") && printed.contains("3 targets"), "{printed}");
+    assert!(Path::new(&out).join("east.txt").exists());
 
     fs::write(west.join("gt.txt"), "1,1,5,13,9,4,1,1,1\n2,1,5,x,9,4,1,1,1\n").unwrap();
-    let line = complaint(&lookout(&["eval", &data], b""));
-    assert!(line.contains("gt.txt") && line.contains("'x'") && line.contains(":2"), "{line}");
+    let (printed, text) = left_out(&["eval", &data, "--json"]);
+    assert!(text.contains("gt.txt:2: field 'top' is 'x'"), "{text}");
+    let json: serde_json::Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!(json["broken"][0]["clip"], "west");
+    assert_eq!(json["reports"][0]["positives"], 3);
 
-    fs::remove_dir_all(&west).unwrap();
+    fs::remove_dir_all(Path::new(&data).join("east")).unwrap();
+    let line = lookout(&["eval", &data], b"");
+    assert_eq!(line.status.code(), Some(1));
+    assert!(line.stdout.is_empty(), "no figures of nothing");
+}
+
+#[test]
+fn detections_that_cannot_be_scored() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, out) = (split(&folder), path(&folder, "out"));
+    fs::create_dir(&out).unwrap();
+    let line = complaint(&lookout(&["score", &data, &out], b""));
+    assert!(line.contains("out: no CLIP.txt in it for any clip"), "{line}");
+    fs::write(Path::new(&out).join("east.txt"), "1,-1,0,0,9,9,1\n").unwrap();
+    let output = lookout(&["score", &data, &out], b"");
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && text.contains("1 of 2 clips have no file"), "{text}");
+    fs::write(Path::new(&out).join("west.txt"), "").unwrap();
     fs::write(Path::new(&out).join("east.txt"), "1,-1,0,0,9,9,high\n").unwrap();
     let line = complaint(&lookout(&["score", &data, &out], b""));
     assert!(line.contains("east.txt line 1: 'high'"), "{line}");

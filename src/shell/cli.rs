@@ -1,6 +1,6 @@
 //! The command line: verbs and what they take.
 
-use super::{bench, doctor, evaluate, live, params, replay, train};
+use super::{bench, doctor, evaluate, import, live, params, replay, train};
 use clap::{Parser, Subcommand};
 use std::format;
 
@@ -27,6 +27,8 @@ pub enum Verb {
     Eval(evaluate::EvalArgs),
     /// Measure accuracy of detections in files
     Score(evaluate::ScoreArgs),
+    /// Write labels of other forms (YOLO, COCO, MOTChallenge, CVAT, Pascal VOC, AOT) as a folder of clips
+    Import(import::ImportArgs),
     /// Measure speed and memory
     Bench(bench::BenchArgs),
     /// Tell what is missing between the lookout and the autopilot

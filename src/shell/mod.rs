@@ -8,6 +8,7 @@ pub mod evaluate;
 pub mod formats;
 #[doc(hidden)]
 pub mod fuzzing;
+pub mod import;
 pub mod link;
 pub mod live;
 pub mod params;

@@ -1,11 +1,12 @@
-//! What detections on a clip with ground truth are: targets found, false alarms or neither, by the rules of the project's independent
-//! scorer.
+//! Matching of detections to ground truth: true positives, false positives, or ignored, by the rules of the project's independent
+//! scorer (`score.py`).
 //!
 //! Within a frame the surest detection chooses first: it takes the free target with the largest intersection over union, if that
 //! reaches the threshold. Birds, targets cut by the frame's edge and targets too small are ignored: a detection with half of its area
 //! on one counts neither way.
 
 use super::ranking::{Outcome, surest_first};
+use crate::shell::formats::class::Class;
 use crate::shell::formats::clips::{GroundTruth, TruthBox};
 use std::collections::BTreeMap;
 use std::format;
@@ -19,20 +20,16 @@ pub const WARMUP: u64 = 3;
 
 /// Shortest longer side in pixels of a target that must be found.
 const MIN_TARGET: f64 = 8.0;
-/// The class that must not be reported.
-pub const BIRD: u32 = 4;
 /// Lower bounds of the classes of size, pixels of the longer side.
 pub const SIZES: [f64; 5] = [MIN_TARGET, 16.0, 24.0, 40.0, 70.0];
-/// Classes of targets, numbers and names.
-pub const CLASSES: [(u32, &str); 3] = [(1, "drone"), (2, "airplane"), (3, "helicopter")];
 
-/// What a detection is.
+/// Result of matching one detection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
+pub enum Match {
     /// It found the target of this index.
-    Target(usize),
+    TruePositive(usize),
     /// A false alarm.
-    Alarm,
+    FalsePositive,
     /// It lies on something that counts neither way.
     Ignored {
         /// Whether that is a bird.
@@ -40,24 +37,24 @@ pub enum Verdict {
     },
 }
 
-/// A detection and what it is.
+/// A detection and the result of matching it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct JudgedDetection {
-    /// Its place in the list that was judged.
+pub struct Matched {
+    /// Its place in the list that was matched.
     pub index: usize,
     /// Its score.
     pub score: f64,
-    /// What it is.
-    pub verdict: Verdict,
+    /// Result of the match.
+    pub kind: Match,
 }
 
-impl JudgedDetection {
-    /// What it adds to the precision-recall curve, if it counts; `clip` is the clip's number.
+impl Matched {
+    /// Its entry in the ranking; none where it is ignored. `clip` is the clip's number.
     pub fn outcome(&self, clip: usize) -> Option<Outcome> {
-        let hit = match self.verdict {
-            Verdict::Target(_) => true,
-            Verdict::Alarm => false,
-            Verdict::Ignored { .. } => return None,
+        let hit = match self.kind {
+            Match::TruePositive(_) => true,
+            Match::FalsePositive => false,
+            Match::Ignored { .. } => return None,
         };
         Some(Outcome { score: self.score, hit, clip })
     }
@@ -72,22 +69,27 @@ pub struct Target {
     pub truth: TruthBox,
 }
 
-/// What the detections of a clip are.
+/// The detections of a clip, matched.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Judged {
-    /// Frames judged.
+pub struct ClipMatches {
+    /// Frames counted.
     pub frames: u64,
     /// Targets that must be found, in the order of frames and of the ground truth.
     pub targets: Vec<Target>,
     /// Boxes on birds.
     pub birds: usize,
     /// Detections in the order of frames, surest first.
-    pub detections: Vec<JudgedDetection>,
+    pub detections: Vec<Matched>,
 }
 
-/// Judges the detections of a clip, its first `warmup` frames left out. A detection is right when its intersection over union with a
+/// Matches the detections of a clip, its first `warmup` frames left out. A detection is right when its intersection over union with a
 /// target is at least `iou`.
-pub fn judge(truth: &GroundTruth, found: &[Found], iou: f64, warmup: u64) -> Judged {
+pub fn match_detections(
+    truth: &GroundTruth,
+    found: &[Found],
+    iou: f64,
+    warmup: u64,
+) -> ClipMatches {
     let mut frames: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
     for (index, detection) in found.iter().enumerate() {
         frames.entry(detection.frame).or_default().push(index);
@@ -97,15 +99,15 @@ pub fn judge(truth: &GroundTruth, found: &[Found], iou: f64, warmup: u64) -> Jud
     for frame in warmup + 1..=truth.last_frame() {
         frames.entry(frame).or_default();
     }
-    let mut judged = Judged { frames: last.saturating_sub(warmup), ..Judged::default() };
+    let mut matches = ClipMatches { frames: last.saturating_sub(warmup), ..ClipMatches::default() };
     for (frame, mut indices) in frames.into_iter().filter(|f| f.0 > warmup) {
         indices.sort_by(|&a, &b| surest_first(found[a].score, found[b].score));
-        judged.add_frame(frame, truth.frame(frame), found, &indices, iou);
+        matches.add_frame(frame, truth.frame(frame), found, &indices, iou);
     }
-    judged
+    matches
 }
 
-impl Judged {
+impl ClipMatches {
     fn add_frame(
         &mut self,
         frame: u64,
@@ -118,7 +120,7 @@ impl Judged {
             truth.iter().partition(|t| must_be_found(t));
         let first = self.targets.len();
         self.targets.extend(targets.iter().map(|&&truth| Target { frame, truth }));
-        self.birds += truth.iter().filter(|t| t.class == BIRD).count();
+        self.birds += truth.iter().filter(|t| t.class == Class::Bird).count();
         let mut free: Vec<usize> = (first..self.targets.len()).collect();
         for &index in indices {
             let Found { rect: detection, score, .. } = found[index];
@@ -135,23 +137,21 @@ impl Judged {
                 }
             }
             let on = |t: &&&TruthBox| half_inside(&detection, &rect(t));
-            let verdict = if let Some(place) = best {
-                Verdict::Target(free.remove(place))
+            let kind = if let Some(place) = best {
+                Match::TruePositive(free.remove(place))
             } else if ignored.iter().any(|t| on(&t)) {
-                Verdict::Ignored { bird: ignored.iter().filter(on).any(|t| t.class == BIRD) }
+                Match::Ignored { bird: ignored.iter().filter(on).any(|t| t.class == Class::Bird) }
             } else {
-                Verdict::Alarm
+                Match::FalsePositive
             };
-            self.detections.push(JudgedDetection { index, score, verdict });
+            self.detections.push(Matched { index, score, kind });
         }
     }
 }
 
 /// Whether a target must be found; the others are ignored.
 pub fn must_be_found(target: &TruthBox) -> bool {
-    target.class != BIRD
-        && target.visibility >= 1.0
-        && target.width.max(target.height) >= MIN_TARGET
+    target.is_target(MIN_TARGET)
 }
 
 /// The place of a target's size in [`SIZES`].
@@ -173,9 +173,9 @@ pub fn size_name(index: usize) -> String {
     }
 }
 
-/// The place of a target's class in [`CLASSES`].
+/// The place of a target's class in [`Class::TARGETS`]; birds are no targets.
 pub fn class(target: &TruthBox) -> usize {
-    CLASSES.iter().position(|c| c.0 == target.class).unwrap_or(0)
+    Class::TARGETS.iter().position(|&class| class == target.class).unwrap_or(0)
 }
 
 /// Where a labelled object is.

@@ -1,37 +1,54 @@
-//! `lookout eval`: accuracy on a folder of clips, with a report if wanted. `lookout score`: the same for detections that are there already.
+//! `lookout eval`: accuracy on folders of clips, with a report if wanted. `lookout score`: the same for detections in files.
+//!
+//! In: clips with ground truth, a model or files of detections. Each clip is run once (`clip_run`), its detections are
+//! matched to the labels (`matching`), matches are ranked by score (`ranking`, `score`), and figures are taken over all
+//! clips (`summary`). Out: tables on standard output, JSON, detections, and the page of `report`.
 
+pub mod bootstrap;
+pub mod clip_run;
+pub mod coco;
+pub mod contrast;
+pub mod facts;
+pub mod kinds;
 pub mod matching;
+pub mod poisson;
+pub mod ranges;
 pub mod ranking;
+pub mod registration;
+pub mod reliability;
 pub mod report;
 pub mod score;
+pub mod splits;
+pub mod summary;
+pub mod table;
+pub mod track_figures;
 pub mod track_metrics;
+pub mod without_target;
 
 use super::error::Error;
-use super::formats::clips::{self, Clip, TruthBox};
-use super::formats::detections::{self, TextFile};
+use super::formats::clips::Clip;
+use super::formats::detections::{self, Decimal};
 use super::pipeline::methods::MethodName;
-use super::pipeline::{self, DetectorArgs, ModelFile};
-use super::sources::{self, Frame, FrameSource, SourceError};
+use super::pipeline::on_clips;
+use super::pipeline::{DetectorArgs, ModelFile, PipelineError};
+use super::sources::Frame;
+use super::support::file_error::FileError;
 use super::support::interrupt::{self, Ended};
-use crate::detector::Detections;
 use crate::model::Model;
-use crate::shell::pipeline::on_clips;
-use crate::shell::support::print::print_line;
-use crate::tracking::Settings;
-use crate::tracking::tracker;
-use report::{IOUS, Plan, ReportArgs, Seen};
-use score::{Found, Report, Scorer, WARMUP};
-use serde::Serialize;
-use std::boxed::Box;
-use std::cell::Cell;
+use crate::tracking::{Settings, tracker};
+use clip_run::{ClipResult, RunSettings};
+use facts::Facts;
+use matching::Found;
+use report::{Plan, ReportArgs};
+use splits::Splits;
 use std::path::PathBuf;
 use std::string::{String, ToString};
-use std::time::Instant;
 use std::vec::Vec;
-use std::{eprintln, format, fs};
-use track_metrics::{ClipWatch, Figures};
+use std::{eprintln, fs};
+use summary::{Parts, Summary};
+use track_metrics::{ClipWatch, FollowSettings};
 
-/// Why a split cannot be evaluated.
+/// Why clips cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
     /// No clip of a folder has a name that was asked for.
@@ -54,6 +71,14 @@ pub enum EvaluateError {
         /// The name.
         name: String,
     },
+    /// Clips that could not be measured.
+    #[error("{broken} of {all} clips left out, see above; the figures are of the others")]
+    BrokenClips {
+        /// How many.
+        broken: usize,
+        /// Of so many.
+        all: usize,
+    },
 }
 
 impl From<EvaluateError> for Error {
@@ -62,55 +87,42 @@ impl From<EvaluateError> for Error {
     }
 }
 
-/// Which clips.
+/// Clips to measure on, and how to follow objects.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SplitArgs {
-    /// Folder of clips, each with gt.txt and a video or pictures
-    #[arg(value_name = "DATA_SPLIT")]
-    data: PathBuf,
+    /// Folders of clips: subfolders with gt.txt and a video or pictures, MOTChallenge sequences, or NAME.mp4 with NAME.txt;
+    /// figures are taken over all of them together
+    #[arg(value_name = "DATA_SPLIT", required = true)]
+    data: Vec<PathBuf>,
     /// Only clips whose names contain one of these
     #[arg(long, value_name = "TEXT", value_delimiter = ',')]
     clips: Vec<String>,
-    /// Print JSON
+    /// Print one line of JSON
     #[arg(long)]
     json: bool,
-    /// Follow what was found and tell how good tracks and warnings are; the clips need camera.json and truth.csv
+    /// Print figures of tracks and warnings; directions and times are compared where there are camera.json and truth.csv
     #[arg(long)]
     tracks: bool,
-    /// Follow without the vehicle's attitude, by the picture alone
+    /// Follow without the vehicle's attitude, by the pictures' own motion
     #[arg(long, requires = "tracks")]
     no_attitude: bool,
+    /// Horizontal field of view in degrees that is assumed for clips without camera.json
+    #[arg(long, value_name = "DEGREES", default_value_t = 60.0)]
+    fov: f64,
 }
 
 impl SplitArgs {
-    fn clips(&self) -> Result<Vec<Clip>, Error> {
-        let mut clips = clips::clips(&self.data)?;
-        clips.retain(|clip| {
-            self.clips.is_empty() || self.clips.iter().any(|text| clip.name.contains(text))
-        });
-        if clips.is_empty() {
-            return Err(EvaluateError::NoClips {
-                path: self.data.clone(),
-                names: self.clips.clone(),
-            }
-            .into());
-        }
-        Ok(clips)
-    }
-
-    fn watch<'a>(
-        &self,
-        clip: &'a Clip,
-        model: Option<&Model<'_>>,
-    ) -> Result<Option<ClipWatch<'a>>, Error> {
+    fn follow(&self, model: Option<&Model<'_>>) -> FollowSettings {
         let track = model.map(|model| tracker::Settings::calibrated(model.calibration()));
-        let settings = Settings { track: track.unwrap_or_default(), ..Settings::default() };
-        let watch = || ClipWatch::new(clip, !self.no_attitude, settings);
-        self.tracks.then(watch).transpose()
+        FollowSettings {
+            tracking: Settings { track: track.unwrap_or_default(), ..Settings::default() },
+            with_attitude: !self.no_attitude,
+            assumed_fov: self.fov,
+        }
     }
 }
 
-/// What `lookout eval` can be told.
+/// Command-line arguments of `lookout eval`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct EvalArgs {
     #[command(flatten)]
@@ -133,113 +145,32 @@ pub struct EvalArgs {
     jobs: usize,
 }
 
-/// What `lookout score` can be told.
+/// Command-line arguments of `lookout score`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ScoreArgs {
     #[command(flatten)]
     split: SplitArgs,
-    /// Folder with CLIP.txt (MOTChallenge) for every clip; a clip without a file has no detections
+    /// Folder with CLIP.txt (MOTChallenge) for the clips, CLIP.jsonl beside it for --tracks; a clip without a file has no detections
     #[arg(value_name = "DETECTIONS")]
     detections: PathBuf,
-}
-
-/// What one clip gave.
-#[derive(Debug, Default)]
-struct ClipResult {
-    found: Vec<Found>,
-    scan: ScanCounts,
-    /// Time of each frame, milliseconds.
-    times_ms: Vec<f64>,
-    /// What a report needs beside.
-    seen: Option<Seen>,
-    tracks: Option<track_metrics::ClipResult>,
-}
-
-/// What the scan did, summed over frames.
-#[derive(Debug, Clone, Copy, Default)]
-struct ScanCounts {
-    frames: u64,
-    windows: u64,
-    kept: u64,
-    dropped: u64,
-    registered: u64,
-    targets: u64,
-    proposed: u64,
-}
-
-impl ScanCounts {
-    fn add_frame(&mut self, detections: &Detections) {
-        self.frames += 1;
-        self.windows += u64::from(detections.windows);
-        self.kept += u64::from(detections.kept);
-        self.dropped += u64::from(detections.dropped);
-        self.registered += u64::from(detections.registered);
-    }
-
-    /// Counts the frame's targets (those that the scorer counts) and which of them the scan handed on: a window whose
-    /// middle is within half its nominal target of the target's, of half to twice its length.
-    fn add_targets(&mut self, truth: &[TruthBox], detections: &Detections) {
-        for target in truth.iter().filter(|t| score::must_be_found(t)) {
-            let length = target.width.max(target.height);
-            let found = detections.proposals.iter().any(|rect| {
-                let [x, y, side] = [rect.x, rect.y, rect.width].map(|v| v.to_num::<f64>());
-                let dx = x + side / 2.0 - target.left - target.width / 2.0;
-                let dy = y + side / 2.0 - target.top - target.height / 2.0;
-                dx.abs().max(dy.abs()) <= side / 2.0 && (0.5..=2.0).contains(&(side / length))
-            });
-            self.targets += 1;
-            self.proposed += u64::from(found);
-        }
-    }
-
-    fn add(&mut self, other: &Self) {
-        self.frames += other.frames;
-        self.windows += other.windows;
-        self.kept += other.kept;
-        self.dropped += other.dropped;
-        self.registered += other.registered;
-        self.targets += other.targets;
-        self.proposed += other.proposed;
-    }
-}
-
-/// The scan's figures as they are printed.
-#[derive(Debug, Serialize)]
-struct ScanFigures {
-    frames: u64,
-    windows_per_frame: f64,
-    windows_kept_per_frame: f64,
-    dropped: u64,
-    share_registered: f64,
-    scan_recall: f64,
-}
-
-impl From<ScanCounts> for ScanFigures {
-    fn from(counts: ScanCounts) -> Self {
-        let a_frame = |count: u64| count as f64 / counts.frames.max(1) as f64;
-        Self {
-            frames: counts.frames,
-            windows_per_frame: a_frame(counts.windows),
-            windows_kept_per_frame: a_frame(counts.kept),
-            dropped: counts.dropped,
-            share_registered: a_frame(counts.registered),
-            scan_recall: counts.proposed as f64 / counts.targets.max(1) as f64,
-        }
-    }
+    /// Write ground_truth.json and detections.json in COCO's form into this folder
+    #[arg(long, value_name = "DIR")]
+    coco_out: Option<PathBuf>,
 }
 
 /// Runs the detector on every clip and prints the figures.
 ///
 /// # Errors
-/// [`Error`] of the first clip in alphabetical order that has one; the files of complete clips stay.
+/// [`Error`] where nothing can be measured or a file cannot be written; [`Error::BrokenClips`] after everything else
+/// where clips had to be left out. The files of complete clips stay.
 pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
     let runs = runs(args, args.report.wanted())?;
     let models = runs.iter().map(Run::model).collect::<Result<Vec<_>, Error>>()?;
     for model in models.iter().flatten() {
         args.detector.least_score(model)?;
     }
-    let clips = args.split.clips()?;
-    let mut plan = Plan::new(&args.report, &args.split.data, &clips)?;
+    let mut splits = Splits::read(&args.split.data, &args.split.clips)?;
+    let mut plan = Plan::new(&args.report, &splits)?;
     interrupt::watch()?;
     for (run, model) in runs.iter().zip(&models) {
         if let Some(out) = &run.out {
@@ -248,31 +179,46 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
         // The others came before, so that the report can look at their detections on our run's frames.
         let ours = run.method == MethodName::Ours;
         let watched = plan.as_ref().filter(|_| ours);
-        let work =
-            |index: usize, clip: &Clip| run_clip(index, clip, run, model.as_ref(), args, watched);
-        let Some(results) = on_clips::<_, Error>(&clips, args.jobs, &work)? else {
+        let settings = RunSettings {
+            model: model.as_ref(),
+            detector: &args.detector,
+            follow: Some(args.split.follow(model.as_ref())),
+            out: run.out.as_deref(),
+        };
+        let work = |index: usize, clip: &Clip| {
+            let kind = splits.facts[index].kind.as_deref();
+            of_the_clip(clip_run::run(index, clip, kind, settings, watched))
+        };
+        let Some(tried) = on_clips::<_, Error>(&splits.clips, args.jobs, &work)? else {
             eprintln!(
                 "lookout: interrupted; the files of the clips done so far are complete, no figures"
             );
             return Ok(Ended::Interrupted);
         };
-        let mut counts = ScanCounts::default();
-        results.iter().for_each(|result| counts.add(&result.scan));
-        // Without a model there is no scan.
-        let scan = model.is_some().then(|| counts.into());
+        let results = settle(tried, &mut splits, plan.as_mut());
+        if results.is_empty() {
+            break;
+        }
         let name = (runs.len() > 1 || !ours).then(|| run.method.to_string());
-        print(
-            name.as_deref(),
-            &reports(&clips, &results),
-            scan,
-            figures(&results),
-            args.split.json,
-        )?;
+        let least = model.as_ref().map(|model| args.detector.least_score(model)).transpose()?;
+        let parts = Parts {
+            method: name.as_deref(),
+            splits: &splits,
+            results: &results,
+            model: model.as_ref(),
+            least: least.flatten().map(|bits| Decimal::score(bits).to_f64()),
+            tracks: args.split.tracks,
+            assumed_fov: args.split.fov,
+        };
+        let summary = Summary::new(parts);
+        summary.print(parts, args.split.json)?;
         if ours {
             if let (Some(mut plan), Some(model)) = (plan.take(), model) {
-                plan.measure_regressors(&clips, model, &args.detector, args.jobs)?;
+                plan.measure_regressors(&splits.clips, model, &args.detector, args.jobs)?;
                 let runs = results.into_iter().filter_map(|r| Some((r.found, r.seen?))).collect();
-                return plan.write(&args.split.data, &clips, runs, args.jobs);
+                if plan.write(&splits, &summary, runs, args.jobs)? == Ended::Interrupted {
+                    return Ok(Ended::Interrupted);
+                }
             }
         } else if let Some(plan) = &mut plan {
             let mut times_ms = Vec::new();
@@ -284,7 +230,47 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
             plan.add(run.method.to_string(), found, times_ms)?;
         }
     }
+    splits.note_labels();
+    splits.complain()?;
     Ok(Ended::Complete)
+}
+
+/// An error that is of the clip alone and ends nothing else becomes its reason.
+fn of_the_clip(result: Result<ClipResult, Error>) -> Result<Result<ClipResult, String>, Error> {
+    match result {
+        Err(
+            error @ (Error::File(FileError::Write { .. })
+            | Error::Pipeline(PipelineError::Threads { .. })),
+        ) => Err(error),
+        Err(error) => Ok(Err(error.to_string())),
+        Ok(result) => Ok(Ok(result)),
+    }
+}
+
+/// Leaves out the clips that could not be measured, and takes from the others what their frames say of labels and rate.
+fn settle(
+    tried: Vec<Result<ClipResult, String>>,
+    splits: &mut Splits,
+    plan: Option<&mut Plan>,
+) -> Vec<ClipResult> {
+    let reasons: Vec<Option<String>> = tried.iter().map(|r| r.as_ref().err().cloned()).collect();
+    let kept: Vec<bool> = reasons.iter().map(Option::is_none).collect();
+    splits.leave_out(&reasons);
+    if let Some(plan) = plan {
+        plan.leave_out(&kept);
+    }
+    let results: Vec<ClipResult> = tried.into_iter().filter_map(Result::ok).collect();
+    let facts = splits.facts.iter_mut();
+    for ((clip, facts), result) in splits.clips.iter_mut().zip(facts).zip(&results) {
+        if result.frames > 0 {
+            clip.ground_truth.end_at(result.frames);
+        }
+        if result.size.0 > 0 {
+            clip.info.size = Some((result.size.0 as u32, result.size.1 as u32));
+        }
+        facts.measured(result.rate);
+    }
+    results
 }
 
 /// A method about to run.
@@ -331,151 +317,80 @@ fn runs(args: &EvalArgs, report: bool) -> Result<Vec<Run>, Error> {
 /// Prints the figures of detections in files.
 ///
 /// # Errors
-/// [`Error`] naming the file and the line.
+/// [`Error`] naming the file and the line; [`Error::NoDetections`] where no clip has a file.
 pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     report::readable(&args.detections)?;
-    let score = |clip: &Clip| {
+    let mut splits = Splits::read(&args.split.data, &args.split.clips)?;
+    let there = |clip: &Clip| report::path_of(&args.detections, clip).exists();
+    let without: Vec<&str> =
+        splits.clips.iter().filter(|clip| !there(clip)).map(|clip| clip.name.as_str()).collect();
+    if without.len() == splits.clips.len() {
+        return Err(EvaluateError::NoDetections { path: args.detections.clone() }.into());
+    }
+    if !without.is_empty() {
+        eprintln!(
+            "lookout: {} of {} clips have no file and count as without detections: {}",
+            without.len(),
+            splits.clips.len(),
+            without.join(", ")
+        );
+    }
+    let score = |(clip, facts): (&Clip, &Facts)| {
+        // Broken detections are no broken clip: to leave them out would flatter their maker.
         let path = report::path_of(&args.detections, clip);
         let found = if path.exists() { detections::read_mot(&path)? } else { Vec::new() };
-        let Some(mut watch) = args.split.watch(clip, None)? else {
-            return Ok(ClipResult { found, ..ClipResult::default() });
-        };
-        let frames = detections::read_json(&path.with_extension("jsonl"), watch.size)?;
-        for (number, (time_us, frame)) in (1..).zip(&frames) {
-            watch.frame(number, *time_us, &frame.list, &frame.motion);
-        }
-        Ok(ClipResult { found, tracks: Some(watch.finish()), ..ClipResult::default() })
+        of_the_clip(score_clip(args, clip, facts.kind.as_deref(), found))
     };
-    let clips = args.split.clips()?;
-    let results = clips.iter().map(score).collect::<Result<Vec<ClipResult>, Error>>()?;
-    print(None, &reports(&clips, &results), None, figures(&results), args.split.json)?;
+    let tried = splits.clips.iter().zip(&splits.facts).map(score);
+    let tried = tried.collect::<Result<Vec<_>, Error>>()?;
+    let results = settle(tried, &mut splits, None);
+    if results.is_empty() {
+        splits.complain()?;
+    }
+    let parts = Parts {
+        method: None,
+        splits: &splits,
+        results: &results,
+        model: None,
+        least: None,
+        tracks: args.split.tracks,
+        assumed_fov: args.split.fov,
+    };
+    Summary::new(parts).print(parts, args.split.json)?;
+    if let Some(folder) = &args.coco_out {
+        let found: Vec<_> = results.iter().map(|result| result.found.as_slice()).collect();
+        coco::write(folder, &splits.clips, &found)?;
+    }
+    splits.note_labels();
+    splits.complain()?;
     Ok(Ended::Complete)
 }
 
-fn run_clip(
-    index: usize,
+/// The detections of one clip from its files; its frames are not read, but for the size where tracks are asked for.
+fn score_clip(
+    args: &ScoreArgs,
     clip: &Clip,
-    run: &Run,
-    model: Option<&Model<'_>>,
-    args: &EvalArgs,
-    plan: Option<&Plan>,
+    kind: Option<&str>,
+    found: Vec<Found>,
 ) -> Result<ClipResult, Error> {
-    let input = format!("{}", clip.input.display());
-    let mut result = ClipResult::default();
-    let delivered = Cell::new(Instant::now());
-    let mut source = Stamped { source: sources::open(&clip.input)?, delivered: &delivered };
-    let path = run.out.as_deref().map(|out| report::path_of(out, clip));
-    let mut file = path.as_deref().map(TextFile::create).transpose()?;
-    let lines = path.as_deref().map(|path| path.with_extension("jsonl"));
-    let mut lines = lines.as_deref().map(TextFile::create).transpose()?;
-    let mut watch = plan.map(|plan| plan.watch(clip, index));
-    let mut tracks = args.split.watch(clip, model)?;
-    let detector = &args.detector;
-    let mut each = |number, frame: &Frame, detections: &Detections| {
-        let time_ms = delivered.get().elapsed().as_secs_f64() * 1e3;
-        result.times_ms.push(time_ms);
-        result.scan.add_frame(detections);
-        if number > WARMUP {
-            result.scan.add_targets(clip.ground_truth.frame(number), detections);
-        }
-        let first = result.found.len();
-        result.found.extend(detections::found(number, detections));
-        if let Some(watch) = &mut watch {
-            watch.frame(number, frame, &result.found[first..], time_ms);
-        }
-        if let Some(tracks) = &mut tracks {
-            tracks.frame(number, frame.time_us, &detections.list, &detections.motion);
-        }
-        if let Some(file) = &mut file {
-            file.write(&detections::mot_lines(number, detections))?;
-        }
-        if let Some(lines) = &mut lines {
-            lines.write(&detections::json_line(number, frame.time_us, detections, None))?;
-        }
-        Ok(())
-    };
-    match model {
-        Some(model) => pipeline::run::<Error>(&input, &mut source, model, detector, &mut each)?,
+    let frames = clip.frame_count().unwrap_or(0);
+    let result = ClipResult { found, frames, ..ClipResult::default() };
+    if !args.split.tracks {
+        return Ok(result);
+    }
+    let size = match clip.info.size {
+        Some((width, height)) => (width as usize, height as usize),
         None => {
-            pipeline::run_difference::<Error>(&input, &mut source, detector.threshold, &mut each)?
+            let mut first = Frame::default();
+            clip.open()?.next_frame(&mut first)?;
+            (first.width, first.height)
         }
     };
-    result.seen = watch.map(report::Watch::finish);
-    result.tracks = tracks.map(ClipWatch::finish);
-    Ok(result)
-}
-
-/// A source that tells when it delivered its last frame: what comes after is the detector's time.
-struct Stamped<'a> {
-    source: Box<dyn FrameSource>,
-    delivered: &'a Cell<Instant>,
-}
-
-impl FrameSource for Stamped<'_> {
-    fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
-        let more = self.source.next_frame(frame);
-        self.delivered.set(Instant::now());
-        more
+    let mut watch = ClipWatch::new(clip, kind, args.split.follow(None))?;
+    let lines = report::path_of(&args.detections, clip).with_extension("jsonl");
+    let frames = if lines.exists() { detections::read_json(&lines, size)? } else { Vec::new() };
+    for (number, (time_us, frame)) in (1..).zip(&frames) {
+        watch.frame(number, *time_us, size, &frame.list, &frame.motion)?;
     }
-}
-
-fn reports(clips: &[Clip], results: &[ClipResult]) -> [Report; IOUS.len()] {
-    IOUS.map(|iou| {
-        let mut scorer = Scorer::new(iou, WARMUP);
-        for (clip, result) in clips.iter().zip(results) {
-            scorer.add_clip(&clip.ground_truth, &result.found);
-        }
-        scorer.report()
-    })
-}
-
-/// The figures of the tracks, if these were asked for.
-fn figures(results: &[ClipResult]) -> Option<Figures> {
-    let clips = results.iter().map(|result| result.tracks.clone()).collect::<Option<Vec<_>>>();
-    clips.map(|clips| Figures::new(&clips))
-}
-
-fn print(
-    method: Option<&str>,
-    reports: &[Report],
-    scan: Option<ScanFigures>,
-    tracks: Option<Figures>,
-    json: bool,
-) -> Result<(), Error> {
-    if json {
-        #[derive(Serialize)]
-        struct All<'a> {
-            #[serde(skip_serializing_if = "Option::is_none")]
-            method: Option<&'a str>,
-            reports: &'a [Report],
-            #[serde(skip_serializing_if = "Option::is_none")]
-            scan: Option<ScanFigures>,
-            #[serde(skip_serializing_if = "Option::is_none")]
-            tracks: Option<Figures>,
-        }
-        let all = All { method, reports, scan, tracks };
-        return Ok(print_line(
-            &serde_json::to_string(&all).expect("numbers and names always make JSON"),
-        )?);
-    }
-    if let Some(method) = method {
-        print_line(&format!("method: {method}"))?;
-    }
-    for report in reports {
-        print_line(&format!("{report}\n"))?;
-    }
-    if let Some(scan) = scan {
-        print_line(&format!(
-            "windows_per_frame: {:.1}\nwindows_kept_per_frame: {:.2}\ndropped: {}\nshare_registered: {:.3}\nscan_recall: {:.4}",
-            scan.windows_per_frame,
-            scan.windows_kept_per_frame,
-            scan.dropped,
-            scan.share_registered,
-            scan.scan_recall
-        ))?;
-    }
-    if let Some(tracks) = tracks {
-        print_line(&format!("\n{tracks}"))?;
-    }
-    Ok(())
+    Ok(ClipResult { size, tracks: Some(watch.finish()), ..result })
 }

@@ -20,7 +20,7 @@ pub struct Outcome {
 /// How much of a clip there is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ClipCount {
-    /// Frames judged.
+    /// Frames counted.
     pub frames: u64,
     /// Targets that must be found.
     pub targets: usize,

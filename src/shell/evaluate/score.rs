@@ -1,19 +1,20 @@
-//! Accuracy of judged clips: all clips together give one precision-recall curve (all-point interpolation), by the rules of the
+//! Accuracy of matched clips: all clips together give one precision-recall curve (all-point interpolation), by the rules of the
 //! project's independent scorer.
 
 pub use super::matching::{Box4, Found, WARMUP, must_be_found};
 
-use super::matching::{self, CLASSES, Judged, SIZES, Verdict, class, size};
+use super::matching::{self, ClipMatches, Match, SIZES, class, size};
 use super::ranking::{ClipCount, Outcome, Ranking};
+use crate::shell::formats::class::Class;
 use crate::shell::formats::clips::GroundTruth;
 use serde::ser::{Serialize, SerializeMap, Serializer};
-use std::fmt;
 use std::string::String;
 use std::vec::Vec;
 use std::{format, vec};
 
-const PRECISIONS: [f64; 3] = [0.5, 0.9, 0.95];
-/// False alarms in 1000 frames at which recall is told.
+/// Precisions at which recall is given.
+pub const PRECISIONS: [f64; 3] = [0.5, 0.9, 0.95];
+/// False alarms in 1000 frames at which recall is given.
 pub const FALSE_ALARMS: [u64; 3] = [1, 10, 100];
 
 /// How many targets there were, and how many of them were found.
@@ -23,7 +24,7 @@ struct Tally {
     found: usize,
 }
 
-/// Gathers clips and judges them together.
+/// Accumulates matched clips into one report.
 #[derive(Debug, Clone)]
 pub struct Scorer {
     iou: f64,
@@ -31,7 +32,7 @@ pub struct Scorer {
     clips: Vec<ClipCount>,
     outcomes: Vec<Outcome>,
     sizes: [Tally; SIZES.len()],
-    classes: [Tally; CLASSES.len()],
+    classes: [Tally; Class::TARGETS.len()],
 }
 
 impl Scorer {
@@ -47,22 +48,22 @@ impl Scorer {
         }
     }
 
-    /// Judges a clip and adds it. The result depends on the order of clips only where scores are equal.
+    /// Matches a clip and adds it. The result depends on the order of clips only where scores are equal.
     pub fn add_clip(&mut self, truth: &GroundTruth, found: &[Found]) {
-        self.add_judged(&matching::judge(truth, found, self.iou, self.warmup));
+        self.add_matches(&matching::match_detections(truth, found, self.iou, self.warmup));
     }
 
-    /// Adds a clip that was judged at the same intersection over union.
-    pub fn add_judged(&mut self, judged: &Judged) {
+    /// Adds a clip that was matched at the same intersection over union.
+    pub fn add_matches(&mut self, matches: &ClipMatches) {
         let clip = self.clips.len();
-        self.clips.push(ClipCount { frames: judged.frames, targets: judged.targets.len() });
-        for target in &judged.targets {
+        self.clips.push(ClipCount { frames: matches.frames, targets: matches.targets.len() });
+        for target in &matches.targets {
             self.sizes[size(&target.truth)].targets += 1;
             self.classes[class(&target.truth)].targets += 1;
         }
-        for detection in &judged.detections {
-            if let Verdict::Target(index) = detection.verdict {
-                let target = &judged.targets[index].truth;
+        for detection in &matches.detections {
+            if let Match::TruePositive(index) = detection.kind {
+                let target = &matches.targets[index].truth;
                 self.sizes[size(target)].found += 1;
                 self.classes[class(target)].found += 1;
             }
@@ -101,11 +102,11 @@ impl Scorer {
                 .enumerate()
                 .map(|(i, t)| share(matching::size_name(i), t))
                 .collect(),
-            by_class: CLASSES
+            by_class: Class::TARGETS
                 .iter()
                 .zip(&classes)
                 .filter(|(_, tally)| tally.targets > 0)
-                .map(|((_, name), tally)| share((*name).into(), tally))
+                .map(|(class, tally)| share(class.name().into(), tally))
                 .collect(),
         }
     }
@@ -122,14 +123,14 @@ pub struct Share {
     pub targets: usize,
 }
 
-/// What the clips gave together; printed (and as JSON) in the form of the independent scorer.
+/// Accuracy over all clips; as JSON in the form of the independent scorer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
     /// Area under the interpolated precision-recall curve, 0 to 1.
     pub average_precision: f64,
     /// Intersection over union from which a detection is right.
     pub iou: f64,
-    /// Frames judged.
+    /// Frames counted.
     pub frames: u64,
     /// Targets that must be found.
     pub positives: usize,
@@ -177,28 +178,6 @@ impl Report {
 /// To so many decimals, exact ties to even.
 fn round(value: f64, digits: usize) -> f64 {
     format!("{value:.digits$}").parse().unwrap_or(value)
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let share = |s: &Share| {
-            let recall = s.recall.map_or("None".into(), |r| format!("{:?}", round(r, 3)));
-            format!("'{}': [{recall}, {}]", s.name, s.targets)
-        };
-        let lines: Vec<String> = self
-            .fields()
-            .iter()
-            .map(|(name, field)| match field {
-                Field::Real(value) => format!("{name}: {value:?}"),
-                Field::Count(value) => format!("{name}: {value}"),
-                Field::Shares(shares) => {
-                    let shares: Vec<String> = shares.iter().map(share).collect();
-                    format!("{name}: {{{}}}", shares.join(", "))
-                }
-            })
-            .collect();
-        f.write_str(&lines.join("\n"))
-    }
 }
 
 impl Serialize for Report {

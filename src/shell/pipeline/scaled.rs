@@ -189,7 +189,7 @@ mod tests {
                 top: 20.0,
                 width: 20.0,
                 height: 20.0,
-                class: 1,
+                class: crate::shell::formats::class::Class::Drone,
                 visibility: 1.0,
             };
             let TruthBox { left, top, width, height, .. } = scaling.truth(&truth);

@@ -4,6 +4,7 @@ use super::cutout::Cutout;
 use super::error::RenderError;
 use super::picture::{Picture, PictureKind};
 use super::solid::Solid;
+use crate::shell::formats::class::Class;
 use crate::shell::formats::clips::{self, Clip};
 use crate::shell::sources::{self, Frame};
 use crate::shell::support::parallel;
@@ -57,7 +58,7 @@ impl Assets {
             let clips = clips::clips(folder)?;
             for runs in parallel::map(clips, |clip| runs(&clip)) {
                 let (flying, other): (Vec<Run>, Vec<Run>) =
-                    runs?.into_iter().partition(|run| run[0].class != super::BIRD);
+                    runs?.into_iter().partition(|run| run[0].class != Class::Bird);
                 if !flying.is_empty() {
                     targets.push(flying);
                 }
@@ -154,7 +155,7 @@ fn runs(clip: &Clip) -> Result<Vec<Run>, RenderError> {
     let mut frame = Frame::default();
     let mut runs = Vec::new();
     let is_long = |run: &Run| {
-        let bird = run.first().is_some_and(|first| first.class == super::BIRD);
+        let bird = run.first().is_some_and(|first| first.class == Class::Bird);
         run.len() >= SHORTEST[usize::from(bird)]
     };
     let mut run = Run::new();
@@ -192,11 +193,11 @@ fn solids(folder: &Path) -> Result<Vec<Solid>, RenderError> {
         let line = index.lines().find(|line| line.split(',').next() == Some(name));
         let words = line.and_then(|line| line.split(',').nth(1)).unwrap_or("drone");
         if words.contains("helicopter") {
-            3
+            Class::Helicopter
         } else if ["air", "glider", "ultralight", "blimp"].iter().any(|w| words.contains(w)) {
-            2
+            Class::Airplane
         } else {
-            1
+            Class::Drone
         }
     };
     let mut paths = Vec::new();

@@ -1,6 +1,6 @@
 //! Objects cut out of recorded frames: what differs from the plain sky around them.
 
-use super::BIRD;
+use crate::shell::formats::class::Class;
 use crate::shell::formats::clips::TruthBox;
 use crate::shell::sources::Frame;
 use std::vec::Vec;
@@ -33,14 +33,14 @@ pub struct Cutout {
     /// What is solid of it: left, top, width, height in its pixels.
     pub bounds: [f64; 4],
     /// Its class in the ground truth.
-    pub class: u32,
+    pub class: Class,
 }
 
 impl Cutout {
     /// Cuts the object in the box out of `frame`; none where it is too small, too large, cut by the frame's edge, or
     /// not before a plain sky.
     pub fn cut(frame: &Frame, truth: &TruthBox) -> Option<Self> {
-        let lengths = if truth.class == BIRD { BIRD_LENGTHS } else { LENGTHS };
+        let lengths = if truth.class == Class::Bird { BIRD_LENGTHS } else { LENGTHS };
         if truth.visibility < 1.0 || !lengths.contains(&truth.width.max(truth.height)) {
             return None;
         }
@@ -101,7 +101,7 @@ impl Cutout {
         width: usize,
         height: usize,
         pixels: Vec<[u8; 2]>,
-        class: u32,
+        class: Class,
     ) -> Option<Self> {
         let solid = || (0..width * height).filter(|&i| pixels[i][0] >= SOLID);
         let (left, right) = (solid().map(|i| i % width).min()?, solid().map(|i| i % width).max()?);
@@ -203,7 +203,7 @@ mod tests {
     }
 
     fn truth(left: f64, top: f64, width: f64, height: f64) -> TruthBox {
-        TruthBox { id: 1, left, top, width, height, class: 3, visibility: 1.0 }
+        TruthBox { id: 1, left, top, width, height, class: Class::Helicopter, visibility: 1.0 }
     }
 
     #[test]
@@ -212,7 +212,7 @@ mod tests {
         let cutout = Cutout::cut(&frame(&truth), &truth).unwrap();
         let margin = MARGIN as f64;
         assert_eq!(cutout.bounds, [margin, margin, 30.0, 8.0]);
-        assert_eq!(cutout.class, 3);
+        assert_eq!(cutout.class, Class::Helicopter);
         let [opacity, light] = cutout.at(margin + 15.0, margin + 4.0);
         assert!(opacity == 1.0 && (light - 40.0).abs() <= 1.0, "{opacity} {light}");
         assert_eq!(cutout.at(margin + 15.0, margin - 1.5), [0.0, 0.0]);

@@ -60,9 +60,6 @@ use std::vec::Vec;
 use targets::FlyingObject;
 use view::View;
 
-/// Class of birds in the ground truth.
-const BIRD: u32 = 4;
-
 /// Smallest contrast of an object that has to be found, grey levels; a fainter one has visibility 0.5.
 const FAINT: f64 = 6.0;
 

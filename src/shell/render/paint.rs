@@ -2,6 +2,7 @@
 
 use super::cutout::Cutout;
 use super::picture::Picture;
+use crate::shell::formats::class::Class;
 use crate::shell::support::random::Random;
 use crate::shell::support::vectors::sin_cos;
 use std::vec;
@@ -82,7 +83,8 @@ impl Canvas {
     fn finish(self) -> Option<Cutout> {
         let byte = |v: f64| (v + 0.5).clamp(0.0, 255.0) as u8;
         let pixels = self.pixels.iter().map(|p| [byte(p[0] * 255.0), byte(p[1])]).collect();
-        Cutout::of(SIDE, SIDE, pixels, 0)
+        // It is not labelled: its class is not read.
+        Cutout::of(SIDE, SIDE, pixels, Class::default())
     }
 }
 
@@ -188,5 +190,5 @@ pub(super) fn piece(picture: &Picture, random: &mut Random) -> Option<Cutout> {
         let grey = ((f64::from(source) - 128.0) * gain + 128.0 + shift).clamp(0.0, 255.0);
         [(cover * 255.0) as u8, (grey * cover) as u8]
     });
-    Cutout::of(width, height, pixels.collect(), 0)
+    Cutout::of(width, height, pixels.collect(), Class::default())
 }

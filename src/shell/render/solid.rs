@@ -1,6 +1,7 @@
 //! Solid models of aircraft: Wavefront OBJ, turned, shaded and rasterised to a cut-out.
 
 use super::cutout::Cutout;
+use crate::shell::formats::class::Class;
 use crate::shell::support::vectors::{Rotation, Vector, add, dot};
 use std::format;
 use std::string::String;
@@ -20,7 +21,7 @@ pub(super) struct Solid {
     /// Longest extent, metres.
     pub length: f64,
     /// Class of the ground truth.
-    pub class: u32,
+    pub class: Class,
 }
 
 /// A pose and light under which a solid is seen.
@@ -47,7 +48,7 @@ impl Solid {
     ///
     /// # Errors
     /// Line number and the field that is wrong.
-    pub(super) fn parse(text: &str, class: u32) -> Result<Self, String> {
+    pub(super) fn parse(text: &str, class: Class) -> Result<Self, String> {
         let mut points: Vec<Vector> = Vec::new();
         let mut triangles = Vec::new();
         for (index, line) in text.lines().enumerate() {

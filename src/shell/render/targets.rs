@@ -9,6 +9,7 @@ use super::solid::{Solid, SolidPose};
 use super::sprite::{Drawn, Placement, Tone, draw};
 use super::sway::Sway;
 use super::view::View;
+use crate::shell::formats::class::Class;
 use crate::shell::support::random::Random;
 use crate::shell::support::vectors::{Rotation, Vector, add, atan2, direction, dot};
 use std::vec::Vec;
@@ -73,7 +74,7 @@ pub(super) struct FlyingObject<'a> {
     velocity: Vector,
     /// Deviations from the straight course, metres.
     wander: [Sway; 3],
-    class: u32,
+    class: Class,
 }
 
 impl<'a> FlyingObject<'a> {
@@ -90,8 +91,8 @@ impl<'a> FlyingObject<'a> {
         let class = figure.class();
         let length = match (&figure, class) {
             (Figure::Solid { solid, .. }, _) => solid.length,
-            (_, 1) => by_ratio(random, [0.3, 1.8]),
-            (_, 2) => by_ratio(random, [2.0, 34.0]),
+            (_, Class::Drone) => by_ratio(random, [0.3, 1.8]),
+            (_, Class::Airplane) => by_ratio(random, [2.0, 34.0]),
             _ => by_ratio(random, [8.0, 18.0]),
         };
         let seconds = settings.frames as f64 / f64::from(settings.fps);
@@ -185,7 +186,7 @@ impl<'a> FlyingObject<'a> {
             start: add(ray.map(|v| v * range / norm), velocity, -time),
             velocity,
             wander: [0, 1, 2].map(|_| Sway::new(random, 0.02 * range, 0.1, 0.9)),
-            class: crate::shell::render::BIRD,
+            class: Class::Bird,
         })
     }
 
@@ -196,7 +197,7 @@ impl<'a> FlyingObject<'a> {
     }
 
     /// Class of the ground truth.
-    pub(super) fn class(&self) -> u32 {
+    pub(super) fn class(&self) -> Class {
         self.class
     }
 
@@ -278,7 +279,8 @@ impl<'a> Figure<'a> {
     fn target(assets: &'a Assets, settings: &Settings, random: &mut Random) -> Option<Self> {
         let solid = random.chance(settings.targets.solid_probability) && !assets.solids.is_empty();
         if solid || assets.targets.is_empty() {
-            let drones: Vec<&Solid> = assets.solids.iter().filter(|s| s.class == 1).collect();
+            let drones: Vec<&Solid> =
+                assets.solids.iter().filter(|s| s.class == Class::Drone).collect();
             let all: Vec<&Solid> = assets.solids.iter().collect();
             let choice = if random.chance(0.5) && !drones.is_empty() { drones } else { all };
             if choice.is_empty() {
@@ -319,7 +321,7 @@ impl<'a> Figure<'a> {
         }
     }
 
-    fn class(&self) -> u32 {
+    fn class(&self) -> Class {
         match self {
             Self::Run { run, .. } => run[0].class,
             Self::Solid { solid, .. } => solid.class,

@@ -2,6 +2,7 @@
 
 use super::noise::fractal;
 use super::*;
+use crate::shell::formats::class::Class;
 use crate::shell::support::vectors::{direction, sin_cos};
 use std::vec;
 
@@ -18,7 +19,7 @@ fn picture(width: usize, height: usize, horizon: usize, kind: PictureKind) -> Pi
 }
 
 /// A dark cross that turns a little from frame to frame.
-fn run(class: u32) -> Run {
+fn run(class: Class) -> Run {
     let frame = |step: usize| {
         let pixel = |i: usize| {
             let (x, y) = ((i % 40) as f64 - 19.5, (i / 40) as f64 - 14.5);
@@ -44,9 +45,9 @@ fn assets() -> Assets {
             picture(1024, 512, 230, PictureKind::Panorama),
         ],
         scenes: ["a", "b", "c", "d"].map(std::path::PathBuf::from).into(),
-        targets: vec![vec![run(1)], vec![run(2)]],
-        birds: vec![run(BIRD)],
-        solids: vec![solid::Solid::parse(CUBE, 1).unwrap()],
+        targets: vec![vec![run(Class::Drone)], vec![run(Class::Airplane)]],
+        birds: vec![run(Class::Bird)],
+        solids: vec![solid::Solid::parse(CUBE, Class::Drone).unwrap()],
     }
 }
 
@@ -181,7 +182,7 @@ fn empty_flights_have_birds_at_most() {
     for index in 0..12 {
         for (_, truth) in frames(Flight::new(&assets, &empty, 2, index)) {
             assert!(truth.targets.is_empty());
-            assert!(truth.boxes.iter().all(|b| b.class == BIRD), "{:?}", truth.boxes);
+            assert!(truth.boxes.iter().all(|b| b.class == Class::Bird), "{:?}", truth.boxes);
             birds += truth.boxes.len();
         }
     }

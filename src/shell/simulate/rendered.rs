@@ -5,6 +5,7 @@ use super::files::{
     FlightFile, Lines, SimulateError, TRUTH_HEADER, failed, png, progress_bar, write,
 };
 use crate::shell::formats::camera_file::CameraFile;
+use crate::shell::formats::class::Class;
 use crate::shell::render::{Assets, Flight, FrameTruth, Settings};
 use crate::shell::sources::Frame;
 use crate::shell::support::parallel;
@@ -236,7 +237,7 @@ fn small(frame: &Frame, truth: &FrameTruth) -> RgbImage {
     });
     for b in &truth.boxes {
         let colour = match (b.class, b.visibility < 1.0) {
-            (4, _) => [255, 220, 0],
+            (Class::Bird, _) => [255, 220, 0],
             (_, true) => [80, 120, 255],
             _ => [255, 0, 0],
         };

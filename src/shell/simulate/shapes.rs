@@ -1,5 +1,6 @@
 //! Aircraft as a few solids, seen in perspective.
 
+use crate::shell::formats::class::Class;
 use crate::shell::support::vectors::{Rotation, Vector};
 use std::vec::Vec;
 
@@ -21,8 +22,8 @@ enum Part {
 #[derive(Debug, Clone)]
 pub(super) struct Shape {
     parts: Vec<(Part, f64)>,
-    /// MOTChallenge class of the data: 1 drone, 2 aeroplane.
-    pub(super) class: u32,
+    /// Its class in the ground truth.
+    pub(super) class: Class,
 }
 
 impl Shape {
@@ -47,7 +48,7 @@ impl Shape {
             ));
             parts.push((Part::Bar([foot, other], [0.015; 2]), 0.0));
         }
-        Self { parts, class: 1 }
+        Self { parts, class: Class::Drone }
     }
 
     /// A fuselage with high wings, tail plane and fin.
@@ -83,7 +84,7 @@ impl Shape {
             (tail(0.17), 4.0),
             (Part::Plate(fin), 0.0),
         ];
-        Self { parts: parts.into(), class: 2 }
+        Self { parts: parts.into(), class: Class::Airplane }
     }
 }
 

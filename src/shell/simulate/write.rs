@@ -91,7 +91,13 @@ fn box_line(frame: u64, truth: &Truth) -> String {
     seen.map_or_else(String::new, |seen| {
         format!(
             "{frame},{},{},{},{},{},1,{},{:.1}\n",
-            seen.id, seen.left, seen.top, seen.width, seen.height, seen.class, seen.visibility
+            seen.id,
+            seen.left,
+            seen.top,
+            seen.width,
+            seen.height,
+            seen.class.number(),
+            seen.visibility
         )
     })
 }

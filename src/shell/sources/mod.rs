@@ -103,6 +103,16 @@ pub fn open_at(path: &Path, rate: Option<u32>) -> Result<Box<dyn FrameSource>, S
     }
 }
 
+/// Endings of video files that are looked for in a folder.
+const VIDEOS: [&str; 13] =
+    ["mp4", "avi", "mkv", "mov", "webm", "m4v", "y4m", "ts", "mpg", "mpeg", "wmv", "h264", "flv"];
+
+/// Whether `path` is a file whose name ends as those of videos do; hidden ones are none.
+pub fn is_video(path: &Path) -> bool {
+    let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+    !hidden && has_extension(path, &VIDEOS) && path.is_file()
+}
+
 /// The frames of the clip in `directory`: `video.mp4`, else the first other video by name, else the
 /// pictures in `frames/`, else pictures in the folder itself.
 pub fn clip_input(directory: &Path) -> Option<PathBuf> {
@@ -111,8 +121,7 @@ pub fn clip_input(directory: &Path) -> Option<PathBuf> {
         return Some(video);
     }
     let entries = || fs::read_dir(directory).ok().into_iter().flatten().flatten();
-    let is_video = |path: &PathBuf| has_extension(path, &["mp4", "avi", "mkv"]) && path.is_file();
-    let videos = entries().map(|entry| entry.path()).filter(is_video);
+    let videos = entries().map(|entry| entry.path()).filter(|path| is_video(path));
     let frames = directory.join("frames");
     videos.min().or_else(|| frames.is_dir().then_some(frames)).or_else(|| {
         let pictures = entries().any(|entry| is_picture(&entry.path()));

@@ -8,12 +8,11 @@
 
 use super::TrainArgs;
 use super::footage;
-use super::labels::BIRD;
 use super::listing;
 use crate::model::Model;
 use crate::model::calibration::{Knot, MAX_KNOTS, ONE};
 use crate::shell::error::Error;
-use crate::shell::evaluate::matching::{self, Found, Verdict, WARMUP};
+use crate::shell::evaluate::matching::{self, Found, Match, WARMUP};
 use crate::shell::formats::clips::Clip;
 use crate::shell::formats::detections::{self, SCORE_BITS};
 use crate::shell::pipeline::scaled::FrameSize;
@@ -51,7 +50,7 @@ pub fn measure(
     for (number, (folder, kind)) in folders.iter().enumerate() {
         for (place, clip) in listing::clips(folder, *kind)?.into_iter().enumerate() {
             if footage::is_held_back(place, hold_back) {
-                let targets = clip.ground_truth.boxes().any(|(_, b)| b.class != BIRD);
+                let targets = clip.ground_truth.has_target();
                 group_of.push(if targets { number } else { folders.len() });
                 all.push(clip);
             }
@@ -89,12 +88,12 @@ fn count(
         found.extend(detections::found(number, detections));
         Ok(())
     })?;
-    let judged = matching::judge(&clip.ground_truth, &found, IOU, WARMUP);
-    let outcome = |d: &matching::JudgedDetection| {
-        let hit = matches!(d.verdict, Verdict::Target(_));
+    let judged = matching::match_detections(&clip.ground_truth, &found, IOU, WARMUP);
+    let outcome = |d: &matching::Matched| {
+        let hit = matches!(d.kind, Match::TruePositive(_));
         // Six decimals keep all scores apart: this is the detector's own number again.
         let score = (d.score * f64::from(1 << SCORE_BITS)).round() as i32;
-        (hit || d.verdict == Verdict::Alarm).then_some((score, hit))
+        (hit || d.kind == Match::FalsePositive).then_some((score, hit))
     };
     Ok((judged.frames, judged.detections.iter().filter_map(outcome).collect()))
 }

@@ -76,6 +76,7 @@ pub fn fits(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shell::formats::class::Class;
 
     #[test]
     fn offsets_lead_back_to_the_target() {
@@ -88,7 +89,7 @@ mod tests {
                 top: 30.0,
                 width,
                 height,
-                class: 1,
+                class: Class::Drone,
                 visibility: 1.0,
             };
             let window = wrong(&truth, 1.0, &mut random);

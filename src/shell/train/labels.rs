@@ -3,14 +3,12 @@
 use crate::channels::scale_space::{Level, TARGET_CELLS};
 use crate::channels::window::Position;
 use crate::image::gradient::CELL;
+use crate::shell::formats::class::Class;
 use crate::shell::formats::clips::TruthBox;
 use std::vec::Vec;
 
 /// Targets shorter than this many pixels are neither learned nor held against a window.
 const SMALLEST: f64 = 7.0;
-
-/// A bird's class in the ground truth.
-pub const BIRD: u32 = 4;
 
 /// A box of the ground truth, as the trainer uses it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,11 +23,8 @@ pub enum Truth {
 pub fn truths(boxes: &[TruthBox]) -> Vec<Truth> {
     boxes
         .iter()
-        .filter(|b| b.class != BIRD)
-        .map(|b| {
-            let seen = b.visibility >= 1.0 && b.width.max(b.height) >= SMALLEST;
-            if seen { Truth::Target(*b) } else { Truth::Ignore(*b) }
-        })
+        .filter(|b| b.class != Class::Bird)
+        .map(|b| if b.is_target(SMALLEST) { Truth::Target(*b) } else { Truth::Ignore(*b) })
         .collect()
 }
 

@@ -3,6 +3,7 @@
 use super::{TrainArgs, TrainError};
 use crate::shell::error::Error;
 use crate::shell::formats::clips::{self, Clip, ClipsError, GroundTruth};
+use crate::shell::formats::seqinfo::SeqInfo;
 use crate::shell::sources::{self, Frame, has_extension};
 use std::borrow::ToOwned;
 use std::fs;
@@ -83,7 +84,7 @@ fn empty(path: &Path) -> Result<Vec<Clip>, Error> {
 fn clip(input: &Path, directory: &Path) -> Result<Clip, Error> {
     let truth = directory.join("gt.txt");
     if directory.is_dir() && truth.is_file() {
-        let targets = GroundTruth::read(&truth)?.boxes().count();
+        let targets = GroundTruth::read(&truth).map_err(ClipsError::from)?.boxes().count();
         if targets > 0 {
             return Err(TrainError::NotEmpty { path: directory.into(), boxes: targets }.into());
         }
@@ -94,6 +95,7 @@ fn clip(input: &Path, directory: &Path) -> Result<Clip, Error> {
         directory: directory.to_owned(),
         input: input.to_owned(),
         ground_truth: GroundTruth::default(),
+        info: SeqInfo::default(),
     })
 }
 

@@ -80,6 +80,7 @@ impl Look {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shell::formats::class::Class;
     use std::vec;
 
     #[test]
@@ -95,7 +96,7 @@ mod tests {
             top: 30.0,
             width: 20.0,
             height: 12.0,
-            class: 1,
+            class: Class::Drone,
             visibility: 1.0,
         };
         let mut random = Random::new(3);

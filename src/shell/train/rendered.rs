@@ -269,7 +269,7 @@ mod tests {
             top: 2.5,
             width: 12.0,
             height: 6.0,
-            class: 2,
+            class: crate::shell::formats::class::Class::Airplane,
             visibility: 0.5,
         };
         frame.boxes.push(seen);

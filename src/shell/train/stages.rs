@@ -7,7 +7,6 @@ use super::file::Parts;
 use super::fits;
 use super::footage::Footage;
 use super::growth::{bag, boost};
-use super::labels::BIRD;
 use super::listing::Kind;
 use super::pool;
 use super::report::{Report, Summary};
@@ -20,6 +19,7 @@ use crate::channels::scale_space::Pyramid;
 use crate::detector::Config;
 use crate::model::{Model, Section};
 use crate::shell::error::Error;
+use crate::shell::formats::class::Class;
 use crate::shell::pipeline::methods::{Learner, Recipe};
 use crate::shell::support::interrupt;
 use crate::shell::support::random::Random;
@@ -117,7 +117,9 @@ impl<'a> Trainer<'a> {
             held_back_clips: self.footage.iter().filter(|f| f.held_back).count(),
             held_back_samples: samples(true),
             rendered: own().filter(|f| f.kind == Kind::Rendered).count(),
-            empty: own().filter(|f| f.boxes.iter().flatten().all(|b| b.class == BIRD)).count(),
+            empty: own()
+                .filter(|f| f.boxes.iter().flatten().all(|b| b.class == Class::Bird))
+                .count(),
         }
     }
 

@@ -3,11 +3,12 @@
 //! Each target is in one group. A false alarm counts in the group of its own size or contrast, or of its clip; it has no class and
 //! counts in every one.
 
-use super::bootstrap::{Bootstrap, Interval};
-use super::facts::Facts;
 use super::methods::Detected;
-use crate::shell::evaluate::matching::{self, CLASSES, Found, Judged, SIZES, Target, Verdict};
+use crate::shell::evaluate::bootstrap::{Bootstrap, Interval};
+use crate::shell::evaluate::facts::Facts;
+use crate::shell::evaluate::matching::{self, ClipMatches, Found, Match, SIZES, Target};
 use crate::shell::evaluate::ranking::{ClipCount, Ranking};
+use crate::shell::formats::class::Class;
 use serde::Serialize;
 use std::borrow::ToOwned;
 use std::string::String;
@@ -57,7 +58,7 @@ impl Dimension {
     /// All that the clips allow.
     pub fn all(clips: &[ClipTruth<'_>]) -> Vec<Self> {
         let sizes = (0..SIZES.len()).map(matching::size_name).collect();
-        let classes = CLASSES.iter().map(|c| c.1.to_owned()).collect();
+        let classes = Class::TARGETS.iter().map(|class| class.name().to_owned()).collect();
         let make = |name, heading, groups, rule| Self { name, heading, groups, rule };
         let mut all = vec![
             make("size", "Longer side of the target (pixels)", sizes, Rule::Size),
@@ -131,23 +132,23 @@ impl Dimension {
     pub fn rankings(
         &self,
         clips: &[ClipTruth<'_>],
-        judged: &[Judged],
+        matches: &[ClipMatches],
         detected: &[Detected],
     ) -> Vec<Ranking> {
         let mut counts = vec![vec![ClipCount::default(); clips.len()]; self.groups.len()];
         let mut outcomes = vec![Vec::new(); self.groups.len()];
-        for (clip, ((truth, judged), detected)) in
-            clips.iter().zip(judged).zip(detected).enumerate()
+        for (clip, ((truth, matches), detected)) in
+            clips.iter().zip(matches).zip(detected).enumerate()
         {
-            let targets = judged.targets.iter().zip(truth.contrast);
+            let targets = matches.targets.iter().zip(truth.contrast);
             let groups: Vec<usize> = targets.map(|(t, &c)| self.of_target(clip, t, c)).collect();
             groups.iter().for_each(|&group| counts[group][clip].targets += 1);
-            counts.iter_mut().for_each(|count| count[clip].frames = judged.frames);
-            for detection in &judged.detections {
+            counts.iter_mut().for_each(|count| count[clip].frames = matches.frames);
+            for detection in &matches.detections {
                 let Some(outcome) = detection.outcome(clip) else { continue };
                 let i = detection.index;
-                let group = match detection.verdict {
-                    Verdict::Target(target) => Some(groups[target]),
+                let group = match detection.kind {
+                    Match::TruePositive(target) => Some(groups[target]),
                     _ => self.of_alarm(clip, &detected.found[i], detected.contrast[i]),
                 };
                 match group {

@@ -1,10 +1,10 @@
 //! Flights on a collision course alone: there the target hardly moves in the picture.
 
-use super::bootstrap::{Bootstrap, Interval, RESAMPLES, SEED, Sampled};
 use super::breakdown::ClipTruth;
-use super::matched::{IOUS, JudgedMethod, hours};
+use super::matched::{IOUS, MethodMatches, hours};
 use super::methods::Method;
-use crate::shell::evaluate::matching::Judged;
+use crate::shell::evaluate::bootstrap::{Bootstrap, Interval, RESAMPLES, SEED, Sampled};
+use crate::shell::evaluate::matching::ClipMatches;
 use crate::shell::evaluate::ranking::{ClipCount, Ranking};
 use serde::Serialize;
 use std::string::String;
@@ -41,7 +41,7 @@ pub struct CollisionMethod {
 /// The figures; none where no flight is on a collision course.
 pub fn figures(
     methods: &[Method],
-    judged: &[JudgedMethod],
+    matches: &[MethodMatches],
     truth: &[ClipTruth<'_>],
 ) -> Option<CollisionFigures> {
     let collides = |t: &ClipTruth<'_>| t.facts.kind.as_deref() == Some(KIND);
@@ -53,8 +53,8 @@ pub fn figures(
     let mut first: Vec<Sampled> = Vec::new();
     let mut targets = 0;
     let mut all = Vec::new();
-    for (method, judged) in methods.iter().zip(judged) {
-        let rankings: Vec<Ranking> = judged.iter().map(|j| ranking(j, &chosen)).collect();
+    for (method, matches) in methods.iter().zip(matches) {
+        let rankings: Vec<Ranking> = matches.iter().map(|j| ranking(j, &chosen)).collect();
         targets = rankings[0].targets(&rankings[0].whole());
         let sampled: Vec<Sampled> = (0..IOUS.len())
             .map(|i| bootstrap.sample(&rankings[i], Ranking::average_precision))
@@ -75,8 +75,8 @@ pub fn figures(
 }
 
 /// The ranking of the chosen clips alone.
-fn ranking(judged: &[Judged], chosen: &[usize]) -> Ranking {
-    let clips = chosen.iter().map(|&i| &judged[i]);
+fn ranking(matches: &[ClipMatches], chosen: &[usize]) -> Ranking {
+    let clips = chosen.iter().map(|&i| &matches[i]);
     let counts =
         clips.clone().map(|c| ClipCount { frames: c.frames, targets: c.targets.len() }).collect();
     let outcomes = clips

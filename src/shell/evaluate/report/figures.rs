@@ -1,22 +1,26 @@
 //! All figures of a report, as they stand in `report.json`.
 
-use super::bootstrap::{Bootstrap, Interval, LEVEL, RESAMPLES, SEED, Sampled};
 use super::breakdown::{self, ClipTruth, Dimension, GroupFigures};
 use super::collisions::CollisionFigures;
 use super::curves;
 use super::gallery::Strip;
-pub use super::matched::{IOUS, JudgedMethod, hours, judge_method};
+pub use super::matched::{IOUS, MethodMatches, hours, match_method};
 use super::methods::Method;
 use super::regressors::RegressorFigures;
-use crate::shell::evaluate::matching::{Judged, Verdict, WARMUP};
+use crate::shell::evaluate::bootstrap::{Bootstrap, Interval, LEVEL, RESAMPLES, SEED, Sampled};
+use crate::shell::evaluate::matching::{ClipMatches, Match, WARMUP};
+use crate::shell::evaluate::ranges::SpanRanges;
 use crate::shell::evaluate::ranking::Ranking;
+use crate::shell::evaluate::registration::RegistrationFigures;
+use crate::shell::evaluate::reliability;
 use crate::shell::evaluate::score::{self, FALSE_ALARMS, Scorer};
+use crate::shell::evaluate::without_target::WithoutTarget;
 use serde::Serialize;
 use std::format;
 use std::string::String;
 use std::vec::Vec;
 
-/// Place in [`IOUS`] of the one by which operating points, birds and the gallery are judged.
+/// Place in [`IOUS`] of the one by which operating points, birds and the gallery are matched.
 pub const LOOSE: usize = 1;
 
 /// The report.
@@ -36,6 +40,14 @@ pub struct Figures {
     pub collisions: Option<CollisionFigures>,
     /// Algorithm 1 alone; none where the model has no regressors or no target can be followed.
     pub regressors: Option<RegressorFigures>,
+    /// Benchmark of the registration.
+    pub registration: Option<RegistrationFigures>,
+    /// Precision stated by the model against precision found.
+    pub reliability: Vec<reliability::Row>,
+    /// False reports an hour where nothing flies.
+    pub without_target: Option<WithoutTarget>,
+    /// Probability of a track over distance.
+    pub ranges: Vec<SpanRanges>,
     /// Targets that the first method never found.
     pub misses: Vec<Strip>,
     /// Its surest false alarms.
@@ -47,7 +59,7 @@ pub struct Figures {
 pub struct Flights {
     /// Clips.
     pub clips: usize,
-    /// Frames judged.
+    /// Frames counted.
     pub frames: u64,
     /// Hours of flight that these frames last.
     pub hours: f64,
@@ -83,7 +95,7 @@ pub struct MethodFigures {
     pub median_ms_per_frame: Option<f64>,
     /// By intersection over union.
     pub at_iou: Vec<AtIou>,
-    /// At certain scores, judged at IoU 0.3.
+    /// At certain scores, matched at IoU 0.3.
     pub operating_points: Vec<OperatingPoint>,
     /// By groups of targets.
     pub breakdowns: Vec<Breakdown>,
@@ -142,14 +154,14 @@ pub struct Breakdown {
 }
 
 /// What was measured on.
-pub fn flights(judged: &[Judged], truth: &[ClipTruth<'_>]) -> Flights {
-    let mut flights = Flights { clips: judged.len(), ..Flights::default() };
-    for (judged, truth) in judged.iter().zip(truth) {
+pub fn flights(matches: &[ClipMatches], truth: &[ClipTruth<'_>]) -> Flights {
+    let mut flights = Flights { clips: matches.len(), ..Flights::default() };
+    for (matches, truth) in matches.iter().zip(truth) {
         let hours = hours(truth);
         flights.frames += truth.frames;
         flights.hours += hours;
-        flights.targets += judged.targets.len();
-        flights.bird_boxes += judged.birds;
+        flights.targets += matches.targets.len();
+        flights.bird_boxes += matches.birds;
         if !truth.has_target {
             flights.clips_without_target += 1;
             flights.hours_without_target += hours;
@@ -166,19 +178,19 @@ pub fn bootstrap_figures() -> BootstrapFigures {
 /// The figures of all methods.
 pub fn methods(
     methods: &[Method],
-    judged: &[JudgedMethod],
+    matches: &[MethodMatches],
     truth: &[ClipTruth<'_>],
 ) -> Vec<MethodFigures> {
     let bootstrap = Bootstrap::new(truth.len(), RESAMPLES, SEED);
     let dimensions = Dimension::all(truth);
     let mut first: Vec<Sampled> = Vec::new();
     let mut all: Vec<MethodFigures> = Vec::new();
-    for (method, judged) in methods.iter().zip(judged) {
+    for (method, matches) in methods.iter().zip(matches) {
         let mut at_iou = Vec::new();
         let mut loose = Ranking::default();
-        for (i, (iou, judged)) in IOUS.iter().zip(judged).enumerate() {
+        for (i, (iou, matches)) in IOUS.iter().zip(matches).enumerate() {
             let mut scorer = Scorer::new(*iou, WARMUP);
-            judged.iter().for_each(|judged| scorer.add_judged(judged));
+            matches.iter().for_each(|matches| scorer.add_matches(matches));
             let (report, ranking) = (scorer.clone().report(), scorer.ranking());
             let sampled = bootstrap.sample(&ranking, Ranking::average_precision);
             let first_less_this = all.first().map(|_| first[i].less(&sampled).interval());
@@ -206,14 +218,14 @@ pub fn methods(
         let threshold = loose.threshold(FALSE_ALARMS[1]);
         let breakdown = |dimension: &Dimension| {
             let rankings: Vec<Vec<Ranking>> =
-                judged.iter().map(|j| dimension.rankings(truth, j, &method.clips)).collect();
+                matches.iter().map(|j| dimension.rankings(truth, j, &method.clips)).collect();
             let groups = breakdown::figures(dimension, &rankings, threshold, &bootstrap);
             Breakdown { by: dimension.name, heading: dimension.heading, groups }
         };
         all.push(MethodFigures {
             name: method.name.clone(),
             median_ms_per_frame: method.median_ms,
-            operating_points: operating_points(&loose, &judged[LOOSE], truth),
+            operating_points: operating_points(&loose, &matches[LOOSE], truth),
             breakdowns: dimensions.iter().map(breakdown).collect(),
             at_iou,
         });
@@ -223,29 +235,29 @@ pub fn methods(
 
 fn operating_points(
     ranking: &Ranking,
-    judged: &[Judged],
+    matches: &[ClipMatches],
     truth: &[ClipTruth<'_>],
 ) -> Vec<OperatingPoint> {
-    let flights = flights(judged, truth);
+    let flights = flights(matches, truth);
     let limits = FALSE_ALARMS.map(Some).into_iter().chain([None]);
     let point = |limit: Option<u64>| {
         let threshold = match limit {
             Some(limit) => ranking.threshold(limit),
-            None => judged
+            None => matches
                 .iter()
                 .flat_map(|j| j.detections.iter().map(|d| d.score))
                 .min_by(f64::total_cmp),
         };
-        let count = |clip: &Judged, wanted: fn(Verdict) -> bool| {
+        let count = |clip: &ClipMatches, wanted: fn(Match) -> bool| {
             let counts = |score: f64| threshold.is_some_and(|threshold| score >= threshold);
-            clip.detections.iter().filter(|d| counts(d.score) && wanted(d.verdict)).count()
+            clip.detections.iter().filter(|d| counts(d.score) && wanted(d.kind)).count()
         };
-        let all = |wanted| judged.iter().map(|clip| count(clip, wanted)).sum::<usize>();
-        let is_alarm = |v| v == Verdict::Alarm;
+        let all = |wanted| matches.iter().map(|clip| count(clip, wanted)).sum::<usize>();
+        let is_alarm = |v| v == Match::FalsePositive;
         let false_alarms = all(is_alarm);
-        let found = all(|v| matches!(v, Verdict::Target(_)));
-        let bird_detections = all(|v| v == Verdict::Ignored { bird: true });
-        let without = judged.iter().zip(truth).filter(|(_, truth)| !truth.has_target);
+        let found = all(|v| matches!(v, Match::TruePositive(_)));
+        let bird_detections = all(|v| v == Match::Ignored { bird: true });
+        let without = matches.iter().zip(truth).filter(|(_, truth)| !truth.has_target);
         let without: usize = without.map(|(clip, _)| count(clip, is_alarm)).sum();
         let hours_without = flights.hours_without_target;
         OperatingPoint {

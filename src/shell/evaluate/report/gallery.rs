@@ -4,11 +4,11 @@ use super::breakdown::ClipTruth;
 use super::methods::Detected;
 use crate::channels::window::SLICES;
 use crate::shell::error::Error;
-use crate::shell::evaluate::matching::{self, Box4, CLASSES, Judged, Verdict};
+use crate::shell::evaluate::matching::{self, Box4, ClipMatches, Match};
 use crate::shell::formats::clips::Clip;
 use crate::shell::pictures::strip as crop;
 use crate::shell::pipeline::on_clips;
-use crate::shell::sources::{self, Frame};
+use crate::shell::sources::Frame;
 use crate::shell::support::interrupt;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -47,19 +47,20 @@ pub struct Strip {
 }
 
 /// Targets that were found at no score: large and clear ones first.
-pub fn misses(clips: &[Clip], judged: &[Judged], truth: &[ClipTruth<'_>]) -> Vec<Strip> {
+pub fn misses(clips: &[Clip], matches: &[ClipMatches], truth: &[ClipTruth<'_>]) -> Vec<Strip> {
     let mut all = Vec::new();
-    for (index, (clip, (judged, truth))) in clips.iter().zip(judged.iter().zip(truth)).enumerate() {
-        let mut missed = std::vec![true; judged.targets.len()];
-        for detection in &judged.detections {
-            if let Verdict::Target(target) = detection.verdict {
+    for (index, (clip, (matches, truth))) in clips.iter().zip(matches.iter().zip(truth)).enumerate()
+    {
+        let mut missed = std::vec![true; matches.targets.len()];
+        for detection in &matches.detections {
+            if let Match::TruePositive(target) = detection.kind {
                 missed[target] = false;
             }
         }
-        let targets = judged.targets.iter().zip(truth.contrast).zip(missed);
+        let targets = matches.targets.iter().zip(truth.contrast).zip(missed);
         all.extend(targets.filter(|t| t.1).map(|((target, &contrast), _)| {
             let rect = matching::rect(&target.truth);
-            let class = Some(CLASSES[matching::class(&target.truth)].1);
+            let class = Some(target.truth.class.name());
             let strip = Strip { class, ..strip(clip, index, target.frame, rect, contrast) };
             (rect[2].max(rect[3]) * contrast, strip)
         }));
@@ -68,12 +69,12 @@ pub fn misses(clips: &[Clip], judged: &[Judged], truth: &[ClipTruth<'_>]) -> Vec
 }
 
 /// False alarms: the surest first.
-pub fn false_alarms(clips: &[Clip], judged: &[Judged], detected: &[Detected]) -> Vec<Strip> {
+pub fn false_alarms(clips: &[Clip], matches: &[ClipMatches], detected: &[Detected]) -> Vec<Strip> {
     let mut all = Vec::new();
-    for (index, (clip, (judged, detected))) in
-        clips.iter().zip(judged.iter().zip(detected)).enumerate()
+    for (index, (clip, (matches, detected))) in
+        clips.iter().zip(matches.iter().zip(detected)).enumerate()
     {
-        let alarms = judged.detections.iter().filter(|d| d.verdict == Verdict::Alarm);
+        let alarms = matches.detections.iter().filter(|d| d.kind == Match::FalsePositive);
         all.extend(alarms.map(|alarm| {
             let found = &detected.found[alarm.index];
             let contrast = detected.contrast[alarm.index];
@@ -140,7 +141,7 @@ pub fn cut(clips: &[Clip], jobs: usize, strips: Vec<Strip>) -> Result<Option<Vec
 
 fn cut_clip(clip: &Clip, strips: &mut [(usize, Strip)]) -> Result<(), Error> {
     let last = strips.iter().map(|(_, strip)| strip.frame).max().unwrap_or(0);
-    let mut source = sources::open(&clip.input)?;
+    let mut source = clip.open()?;
     let mut frames: VecDeque<Frame> = VecDeque::new();
     for number in 1..=last {
         // The oldest frame's memory takes the new one.

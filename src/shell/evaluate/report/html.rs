@@ -1,10 +1,10 @@
 //! The report as one page: style, plots and pictures inside.
 
-use super::bootstrap::{FEWEST_CLIPS, Interval};
 use super::figures::{Breakdown, Figures, IOUS, MethodFigures, limit_name};
 use super::gallery::{PER_CLIP, Strip};
 use super::plot::{self, Axis, Line, plot};
 use super::regressors;
+use crate::shell::evaluate::bootstrap::{FEWEST_CLIPS, Interval};
 use crate::shell::evaluate::score::FALSE_ALARMS;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -253,7 +253,7 @@ fn operating_points(figures: &Figures) -> String {
         })
     });
     format!(
-        "<h2>Birds, and flight without a target</h2>\n<p class=\"note\">Judged at IoU {}. On a bird is a detection with half of its area on \
+        "<h2>Birds, and flight without a target</h2>\n<p class=\"note\">Matched at IoU {}. On a bird is a detection with half of its area on \
          the bird\u{2019}s box; it is no false alarm, as in the scorer. There are {} boxes on birds, and {:.3} hours of flight \
          ({} clips) without a target.</p>\n{}",
         IOUS[1],

@@ -2,23 +2,25 @@
 
 use super::breakdown::ClipTruth;
 use super::methods::Method;
-use crate::shell::evaluate::matching::{self, Judged, WARMUP};
+use crate::shell::evaluate::matching::{self, ClipMatches, WARMUP};
 use crate::shell::formats::clips::Clip;
 use std::vec::Vec;
 
-/// Intersections over union by which detections are judged.
+/// Intersections over union by which detections are matched.
 pub const IOUS: [f64; 2] = [0.5, 0.3];
 
-/// The detections of a method, judged: by intersection over union and clip.
-pub type JudgedMethod = Vec<Vec<Judged>>;
+/// The detections of a method, matched: by intersection over union and clip.
+pub type MethodMatches = Vec<Vec<ClipMatches>>;
 
-/// Judges a method's detections.
-pub fn judge_method(clips: &[Clip], method: &Method) -> JudgedMethod {
-    let judge = |iou| {
+/// Matches a method's detections.
+pub fn match_method(clips: &[Clip], method: &Method) -> MethodMatches {
+    let matched = |iou| {
         let clips = clips.iter().zip(&method.clips);
-        clips.map(|(c, d)| matching::judge(&c.ground_truth, &d.found, iou, WARMUP)).collect()
+        clips
+            .map(|(c, d)| matching::match_detections(&c.ground_truth, &d.found, iou, WARMUP))
+            .collect()
     };
-    IOUS.map(judge).into()
+    IOUS.map(matched).into()
 }
 
 /// Hours that the frames of a clip last. The scorer's count of frames ends with the last box, which a flight without a

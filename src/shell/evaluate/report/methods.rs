@@ -1,8 +1,8 @@
 //! The detections of each method that a report compares, and what is measured beside them on the frames.
 
-use super::contrast::contrast;
 use crate::shell::error::Error;
 use crate::shell::evaluate::EvaluateError;
+use crate::shell::evaluate::contrast::contrast;
 use crate::shell::evaluate::matching::{Found, WARMUP, must_be_found};
 use crate::shell::formats::clips::Clip;
 use crate::shell::formats::detections;
@@ -65,7 +65,7 @@ impl Method {
     /// Reads CLIP.txt of every clip; a clip without a file has no detections.
     ///
     /// # Errors
-    /// [`FileError::Read`] when the folder is missing or holds nothing for these clips, [`FormatError::Line`] naming file and line.
+    /// [`Error::Read`] when the folder is missing or holds nothing for these clips, [`Error::Text`] naming file and line.
     pub fn read(external: &External, clips: &[Clip]) -> Result<Self, Error> {
         let folder = &external.folder;
         readable(folder)?;
@@ -86,7 +86,7 @@ impl Method {
 /// Whether `folder` is a folder that can be read.
 ///
 /// # Errors
-/// [`FileError::Read`].
+/// [`Error::Read`].
 pub fn readable(folder: &Path) -> Result<(), Error> {
     fs::read_dir(folder).map(|_| ()).map_err(Error::read(folder))
 }

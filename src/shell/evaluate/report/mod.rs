@@ -1,11 +1,8 @@
 //! The report of `lookout eval`: the detector and other methods beside each other, as one page without network and as JSON.
 
-mod bootstrap;
 mod breakdown;
 mod collisions;
-mod contrast;
 mod curves;
-mod facts;
 mod figures;
 mod gallery;
 mod html;
@@ -14,10 +11,12 @@ mod methods;
 mod plot;
 mod regressors;
 
-pub use figures::IOUS;
+pub use figures::{IOUS, LOOSE};
 pub use methods::{External, Seen, Watch, path_of, readable};
 
-use super::matching::{BIRD, Found, WARMUP};
+use super::matching::{Found, WARMUP};
+use super::splits::{Splits, keep};
+use super::summary::Summary;
 use crate::model::Model;
 use crate::shell::error::Error;
 use crate::shell::evaluate::EvaluateError;
@@ -26,14 +25,13 @@ use crate::shell::pipeline::DetectorArgs;
 use crate::shell::support::file_error::FileError;
 use crate::shell::support::interrupt::Ended;
 use breakdown::ClipTruth;
-use facts::Facts;
-use figures::{Figures, LOOSE};
+use figures::Figures;
 use methods::{Detected, Method, OURS, median};
 use regressors::RegressorFigures;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::string::String;
 use std::vec::Vec;
-use std::{format, fs};
 
 /// What a report can be told.
 #[derive(Debug, Clone, clap::Args)]
@@ -57,7 +55,6 @@ impl ReportArgs {
 #[derive(Debug)]
 pub struct Plan {
     folder: PathBuf,
-    facts: Vec<Facts>,
     others: Vec<Method>,
     regressors: Option<RegressorFigures>,
 }
@@ -67,19 +64,23 @@ impl Plan {
     ///
     /// # Errors
     /// [`Error`] naming the file and the line, or the folder that cannot be made.
-    pub fn new(args: &ReportArgs, data: &Path, clips: &[Clip]) -> Result<Option<Self>, Error> {
+    pub fn new(args: &ReportArgs, splits: &Splits) -> Result<Option<Self>, Error> {
         let Some(folder) = &args.report else { return Ok(None) };
         let mut others: Vec<Method> = Vec::new();
         for external in &args.external {
-            let method = Method::read(external, clips)?;
+            let method = Method::read(external, &splits.clips)?;
             if others.iter().any(|other| other.name == method.name) {
                 return Err(EvaluateError::SameName { name: method.name }.into());
             }
             others.push(method);
         }
-        let facts = facts::read(data, clips)?;
         fs::create_dir_all(folder).map_err(Error::write(folder))?;
-        Ok(Some(Self { folder: folder.clone(), facts, others, regressors: None }))
+        Ok(Some(Self { folder: folder.clone(), others, regressors: None }))
+    }
+
+    /// Leaves out clips that took no part.
+    pub fn leave_out(&mut self, kept: &[bool]) {
+        self.others.iter_mut().for_each(|other| keep(&mut other.clips, kept));
     }
 
     /// Puts a method that was run here beside the others; `clips` is what it found in each clip, `times_ms` the time of
@@ -128,12 +129,13 @@ impl Plan {
     /// [`Error`]; a page that cannot be written whole is taken away.
     pub fn write(
         self,
-        data: &Path,
-        clips: &[Clip],
+        splits: &Splits,
+        summary: &Summary,
         runs: Vec<(Vec<Found>, Seen)>,
         jobs: usize,
     ) -> Result<Ended, Error> {
-        let Self { folder, facts, others, regressors } = self;
+        let Self { folder, others, regressors } = self;
+        let clips = splits.clips.as_slice();
         let mut methods = with_ours(others);
         let (mut contrasts, mut frames) = (Vec::new(), Vec::new());
         let mut times = Vec::new();
@@ -150,15 +152,15 @@ impl Plan {
         methods[0].median_ms = median(times);
         let truth: Vec<ClipTruth<'_>> = clips
             .iter()
-            .zip(&facts)
+            .zip(&splits.facts)
             .zip(contrasts.iter().zip(frames))
             .map(|((clip, facts), (contrast, frames))| {
-                let has_target = clip.ground_truth.boxes().any(|(_, b)| b.class != BIRD);
+                let has_target = clip.ground_truth.has_target();
                 ClipTruth { facts, frames, has_target, contrast }
             })
             .collect();
-        let judged: Vec<_> = methods.iter().map(|m| figures::judge_method(clips, m)).collect();
-        let ours = &judged[0][LOOSE];
+        let matches: Vec<_> = methods.iter().map(|m| figures::match_method(clips, m)).collect();
+        let ours = &matches[0][LOOSE];
         let misses = gallery::misses(clips, ours, &truth);
         let false_alarms = gallery::false_alarms(clips, ours, &methods[0].clips);
         let strips = misses.into_iter().chain(false_alarms).collect();
@@ -168,12 +170,16 @@ impl Plan {
         let (misses, false_alarms) = strips.into_iter().partition(|s| s.score.is_none());
         let figures = Figures {
             lookout: env!("CARGO_PKG_VERSION"),
-            data: format!("{}", data.display()),
+            data: splits.title(),
+            registration: summary.registration().cloned(),
+            reliability: summary.reliability().to_vec(),
+            without_target: summary.without_target().cloned(),
+            ranges: summary.ranges().to_vec(),
             flights: figures::flights(ours, &truth),
-            collisions: collisions::figures(&methods, &judged, &truth),
+            collisions: collisions::figures(&methods, &matches, &truth),
             regressors,
             bootstrap: figures::bootstrap_figures(),
-            methods: figures::methods(&methods, &judged, &truth),
+            methods: figures::methods(&methods, &matches, &truth),
             misses,
             false_alarms,
         };

@@ -10,7 +10,7 @@ mod course;
 
 mod turning;
 
-use super::labels::BIRD;
+use crate::shell::formats::class::Class;
 use crate::shell::formats::clips::TruthBox;
 use crate::shell::render::Cutout;
 use crate::shell::sources::Frame;
@@ -65,7 +65,7 @@ impl Runs {
     /// Looks at the next frame; none where it is not known.
     pub fn push(&mut self, frame: Option<&Frame>, boxes: &[TruthBox]) {
         let object = match (frame, boxes) {
-            (Some(frame), [one]) if one.class != BIRD => Cutout::cut(frame, one),
+            (Some(frame), [one]) if one.class != Class::Bird => Cutout::cut(frame, one),
             _ => None,
         };
         let ended = object.is_none();
@@ -352,7 +352,7 @@ mod tests {
                 top: 50.0,
                 width,
                 height,
-                class: 2,
+                class: Class::Airplane,
                 visibility: 1.0,
             });
         }
@@ -397,7 +397,7 @@ mod tests {
                     assert!(allowed, "{seed}: {x} {y} {boxes:?}");
                 }
                 for b in boxes.iter().filter(|b| b.visibility == 1.0 && !frame.pixels.is_empty()) {
-                    assert_eq!(b.class, 2);
+                    assert_eq!(b.class, Class::Airplane);
                     let (x, y) = (b.left + b.width / 2.0, b.top + b.height / 2.0);
                     let middle = frame.pixels[y as usize * SIZE.0 + x as usize];
                     // A tone may bring an object near to what is behind it.

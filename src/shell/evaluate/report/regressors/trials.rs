@@ -1,23 +1,22 @@
 //! Runs of Algorithm 1 from starts that are off by a known way.
 
-use super::super::contrast::contrast;
 use super::flow::{Pictures, follow};
 use crate::channels::front_end::{FrontEnd, REACH as BACK};
 use crate::channels::scale_space::{Level, Pyramid};
-use crate::channels::window::Position;
-use crate::channels::window::{SLICES, WINDOW};
+use crate::channels::window::{Position, SLICES, WINDOW};
 use crate::image::gradient::CELL;
 use crate::model::Model;
 use crate::registration::Motion;
 use crate::shell::error::Error;
+use crate::shell::evaluate::contrast::contrast;
 use crate::shell::evaluate::matching::{must_be_found, rect};
 use crate::shell::formats::clips::{Clip, GroundTruth, TruthBox};
 use crate::shell::pipeline::on_clips;
 use crate::shell::pipeline::{DetectorArgs, Memory};
-use crate::shell::sources::{self, Frame};
+use crate::shell::sources::Frame;
 use crate::shell::support::interrupt;
 use crate::shell::support::random::Random;
-use crate::stcube::compensation::{self};
+use crate::stcube::compensation;
 use crate::stcube::cube::Cube;
 use std::collections::VecDeque;
 use std::vec::Vec;
@@ -126,7 +125,7 @@ fn run_clip(
 ) -> Result<Vec<Trial>, Error> {
     let mut trials = Vec::new();
     let Some(&last) = drawn.last() else { return Ok(trials) };
-    let mut source = sources::open(&clip.input)?;
+    let mut source = clip.open()?;
     // Made anew where frames are left out.
     let mut state: Option<(FrontEnd, Memory)> = None;
     let mut recent: VecDeque<Frame> = VecDeque::new();

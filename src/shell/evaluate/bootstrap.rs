@@ -62,6 +62,21 @@ impl Bootstrap {
         let draws = parallel::map(draws.chunks(32).collect(), piece).concat();
         Sampled { value: value(&ranking.whole()), draws }
     }
+
+    /// The share of right ones among counts of right and wrong by clip; no interval where fewer than [`FEWEST_CLIPS`] have any.
+    pub fn share(&self, counts: &[(u64, u64)]) -> Interval {
+        let share = |times: &dyn Fn(usize) -> u64| {
+            let sum = |(r, w): (u64, u64), (i, c): (usize, &(u64, u64))| {
+                (r + c.0 * times(i), w + c.1 * times(i))
+            };
+            let (right, wrong) = counts.iter().enumerate().fold((0, 0), sum);
+            (right + wrong > 0).then(|| right as f64 / (right + wrong) as f64)
+        };
+        let clips = counts.iter().filter(|(right, wrong)| right + wrong > 0).count();
+        let draws = if clips < FEWEST_CLIPS { &[] } else { self.draws.as_slice() };
+        let draws = draws.iter().map(|draw| share(&|clip| u64::from(draw[clip]))).collect();
+        Sampled { value: share(&|_| 1), draws }.interval()
+    }
 }
 
 /// A figure of the clips as they are and of every draw.
@@ -137,6 +152,18 @@ mod tests {
         });
         let share = inside.count() as f64 / trials as f64;
         assert!((0.88..=0.99).contains(&share), "{share} of intervals hold the truth");
+    }
+
+    #[test]
+    fn shares_of_counts() {
+        let draws = Bootstrap::new(4, 200, 1);
+        let alike = draws.share(&[(9, 1), (9, 1), (9, 1), (9, 1)]);
+        assert_eq!(alike, Interval { value: Some(0.9), low: Some(0.9), high: Some(0.9) });
+        let mixed = draws.share(&[(10, 0), (10, 0), (0, 10), (10, 0)]);
+        assert_eq!(mixed.value, Some(0.75));
+        assert!(mixed.low < Some(0.6) && mixed.high == Some(1.0), "{mixed:?}");
+        assert_eq!(draws.share(&[(3, 1), (0, 0), (0, 0), (1, 3)]).low, None);
+        assert_eq!(draws.share(&[(0, 0); 4]), Interval::default());
     }
 
     #[test]

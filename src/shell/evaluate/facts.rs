@@ -1,4 +1,4 @@
-//! What is known of the clips of a split beside their boxes: frame rate, kind of encounter, agitation of the camera.
+//! Facts of clips that labels do not hold: frame rate, kind of encounter, agitation of the camera, things that move on the ground.
 
 use crate::shell::error::Error;
 use crate::shell::formats::clips::Clip;
@@ -15,14 +15,29 @@ use std::{format, fs};
 const DEFAULT_RATE: f64 = 30.0;
 
 /// What is known of a clip.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Facts {
     /// Frames a second.
     pub rate: f64,
+    /// Whether a file says that rate; else it is measured, or 30.
+    pub rate_given: bool,
     /// Kind of encounter.
     pub kind: Option<String>,
     /// How much the camera turns; larger is rougher.
     pub agitation: Option<f64>,
+    /// Things that move along the ground and are not labelled; none where the table has no such column.
+    pub movers: Option<f64>,
+    /// Wingspans in metres of the targets, by number from 1.
+    pub spans_m: Vec<f64>,
+}
+
+impl Facts {
+    /// Takes a rate measured on the frames where no file gives one.
+    pub fn measured(&mut self, rate: Option<f64>) {
+        if let Some(rate) = rate.filter(|_| !self.rate_given) {
+            self.rate = rate;
+        }
+    }
 }
 
 /// Facts of `clips` from their `camera.json` and from the table beside the folder `data`, where these exist.
@@ -40,10 +55,14 @@ pub fn read(data: &Path, clips: &[Clip]) -> Result<Vec<Facts>, Error> {
         .map(|clip| {
             let camera = read_camera(&clip.directory.join("camera.json"))?;
             let row = rows.get(&clip.name).cloned().unwrap_or_default();
+            let rate = camera.rate.or(clip.info.frame_rate);
             Ok(Facts {
-                rate: camera.rate.unwrap_or(DEFAULT_RATE),
+                rate: rate.unwrap_or(DEFAULT_RATE),
+                rate_given: rate.is_some(),
                 kind: row.kind.or(camera.kind),
                 agitation: row.agitation,
+                movers: row.movers,
+                spans_m: camera.spans_m,
             })
         })
         .collect()
@@ -61,6 +80,7 @@ fn table_path(data: &Path) -> Option<PathBuf> {
 struct Row {
     kind: Option<String>,
     agitation: Option<f64>,
+    movers: Option<f64>,
 }
 
 /// A row for each clip, which stands in the first column; the other columns are known by their names.
@@ -70,6 +90,10 @@ fn read_table(path: &Path) -> Result<BTreeMap<String, Row>, Error> {
     let header: Vec<&str> =
         lines.next().map_or(Vec::new(), |l| l.1.split(',').map(str::trim).collect());
     let mut rows = BTreeMap::new();
+    // Some other table of that name.
+    if !header.first().is_some_and(|name| ["clip", "flight", "name"].contains(name)) {
+        return Ok(rows);
+    }
     for (index, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
         let bad = |reason| FormatError::Line { path: path.into(), line: index + 1, reason };
         let fields: Vec<&str> = line.split(',').map(str::trim).collect();
@@ -81,10 +105,11 @@ fn read_table(path: &Path) -> Result<BTreeMap<String, Row>, Error> {
         for (name, field) in header.iter().zip(&fields).filter(|(_, field)| !field.is_empty()) {
             match *name {
                 "kind" => row.kind = Some((*field).to_owned()),
-                "agitation" => {
+                "agitation" | "movers" => {
                     let number = field.parse::<f64>().ok().filter(|v| v.is_finite());
-                    let reason = || bad(format!("agitation is '{field}', expected a number"));
-                    row.agitation = Some(number.ok_or_else(reason)?);
+                    let reason = || bad(format!("{name} is '{field}', expected a number"));
+                    let number = Some(number.ok_or_else(reason)?);
+                    if *name == "movers" { row.movers = number } else { row.agitation = number }
                 }
                 _ => {}
             }
@@ -98,6 +123,7 @@ fn read_table(path: &Path) -> Result<BTreeMap<String, Row>, Error> {
 struct Camera {
     rate: Option<f64>,
     kind: Option<String>,
+    spans_m: Vec<f64>,
 }
 
 fn read_camera(path: &Path) -> Result<Camera, Error> {
@@ -115,7 +141,12 @@ fn read_camera(path: &Path) -> Result<Camera, Error> {
             Some(rate.ok_or_else(reason)?)
         }
     };
-    Ok(Camera { rate, kind: value["kind"].as_str().map(ToOwned::to_owned) })
+    let spans = value["spans_m"].as_array().map_or(&[][..], Vec::as_slice);
+    Ok(Camera {
+        rate,
+        kind: value["kind"].as_str().map(ToOwned::to_owned),
+        spans_m: spans.iter().filter_map(Value::as_f64).collect(),
+    })
 }
 
 #[cfg(test)]
@@ -139,8 +170,8 @@ mod tests {
         write("dev/a/camera.json", r#"{"fps": 25, "kind": "hover"}"#);
         let facts = |data: &Path| read(data, &clips(data).unwrap()).map_err(|e| e.to_string());
         let kind = |kind: &str| Some(kind.to_string());
-        let a = Facts { rate: 25.0, kind: kind("hover"), agitation: None };
-        let b = Facts { rate: 30.0, kind: None, agitation: None };
+        let a = Facts { rate: 25.0, rate_given: true, kind: kind("hover"), ..Facts::default() };
+        let b = Facts { rate: 30.0, ..Facts::default() };
         assert_eq!(facts(&data).unwrap(), [a.clone(), b.clone()]);
 
         write("dev.csv", "clip,kind,agitation\na,crossing,0.35\n\nother,none,2\n");
@@ -151,6 +182,8 @@ mod tests {
         write("dev.csv", "clip,kind,agitation\na,crossing,rough\n");
         let error = facts(&data).unwrap_err();
         assert!(error.contains("dev.csv line 2: agitation is 'rough'"), "{error}");
+        write("dev.csv", "Some,other\ntable\n");
+        assert_eq!(facts(&data).unwrap()[1], Facts { rate: 30.0, ..Facts::default() });
         write("dev.csv", "clip,kind,agitation\na,crossing\n");
         assert!(facts(&data).unwrap_err().contains("line 2: 2 fields"));
         write("dev.csv", "");

@@ -1,0 +1,166 @@
+//! Recall by kind of encounter; hovering objects before texture are a row of their own.
+//!
+//! An object that hovers before textured ground does not differ from the background's motion and is hidden by its
+//! texture: the hardest kind.
+
+use super::facts::Facts;
+use super::matching::{ClipMatches, Match, SIZES, size, size_name};
+use super::table::{Table, number};
+use serde::Serialize;
+use std::collections::BTreeSet;
+use std::string::String;
+use std::vec::Vec;
+use std::{format, vec};
+
+/// Texture around a target (mean absolute deviation of grey levels in the ring around it) from which on its background
+/// counts as textured.
+pub const TEXTURED: f64 = 10.0;
+
+/// The kind of encounter of hovering objects in `camera.json` and tables.
+const HOVER: &str = "hover";
+
+/// Name of the row of hovering objects before texture.
+pub const HOVER_BEFORE_TEXTURE: &str = "hover before texture";
+
+/// A clip as this needs it.
+#[derive(Debug, Clone, Copy)]
+pub struct KindClip<'a> {
+    /// Its detections, matched.
+    pub matches: &'a ClipMatches,
+    /// Texture around each target, grey levels; none where frames were not seen.
+    pub textures: Option<&'a [f64]>,
+    /// Facts of it.
+    pub facts: &'a Facts,
+}
+
+/// Figures of one kind.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// The kind.
+    pub kind: String,
+    /// Clips with such targets.
+    pub clips: usize,
+    /// Targets.
+    pub targets: usize,
+    /// Share of them found at the score of use; none without targets.
+    pub recall: Option<f64>,
+    /// Share of them found at any score.
+    pub recall_at_any_score: Option<f64>,
+    /// By the longer side in pixels: share found at the score of use.
+    pub by_size: Vec<(String, Option<f64>)>,
+}
+
+/// The rows; empty where no kind is known. `score` is the score of use, log-odds.
+pub fn rows(clips: &[KindClip<'_>], score: Option<f64>) -> Vec<Row> {
+    let kinds: BTreeSet<&str> = clips.iter().filter_map(|c| c.facts.kind.as_deref()).collect();
+    let mut rows = Vec::new();
+    for kind in kinds {
+        let own: Vec<KindClip<'_>> =
+            clips.iter().filter(|c| c.facts.kind.as_deref() == Some(kind)).copied().collect();
+        rows.extend(row(kind, &own, score, |_, _| true));
+        if kind == HOVER && own.iter().all(|clip| clip.textures.is_some()) {
+            let textured = |clip: &KindClip<'_>, target: usize| {
+                clip.textures.is_some_and(|t| t.get(target).is_some_and(|&t| t >= TEXTURED))
+            };
+            rows.extend(row(HOVER_BEFORE_TEXTURE, &own, score, textured));
+        }
+    }
+    rows
+}
+
+/// None where no target is of the kind.
+fn row(
+    kind: &str,
+    clips: &[KindClip<'_>],
+    score: Option<f64>,
+    of_kind: impl Fn(&KindClip<'_>, usize) -> bool,
+) -> Option<Row> {
+    let (mut with_targets, mut found, mut found_at_all) = (0, 0, 0);
+    let mut sizes = [(0, 0); SIZES.len()];
+    for clip in clips {
+        let best = best_scores(clip.matches);
+        let own = (0..clip.matches.targets.len()).filter(|&target| of_kind(clip, target));
+        let own: Vec<usize> = own.collect();
+        with_targets += usize::from(!own.is_empty());
+        for target in own {
+            let size = &mut sizes[size(&clip.matches.targets[target].truth)];
+            let seen = best[target].is_some_and(|best| score.is_none_or(|score| best >= score));
+            size.0 += 1;
+            size.1 += usize::from(seen);
+            found += usize::from(seen);
+            found_at_all += usize::from(best[target].is_some());
+        }
+    }
+    let share = |part: usize, whole: usize| (whole > 0).then(|| part as f64 / whole as f64);
+    let targets = sizes.iter().map(|size| size.0).sum();
+    let by_size = sizes.iter().enumerate();
+    let by_size = by_size.map(|(i, &(all, found))| (size_name(i), share(found, all))).collect();
+    (targets > 0).then(|| Row {
+        kind: kind.into(),
+        clips: with_targets,
+        targets,
+        recall: share(found, targets),
+        recall_at_any_score: share(found_at_all, targets),
+        by_size,
+    })
+}
+
+/// The score at which each target was found.
+fn best_scores(matches: &ClipMatches) -> Vec<Option<f64>> {
+    let mut best = vec![None; matches.targets.len()];
+    for detection in &matches.detections {
+        if let Match::TruePositive(target) = detection.kind {
+            best[target] = Some(detection.score);
+        }
+    }
+    best
+}
+
+/// The table for a terminal.
+pub fn table(rows: &[Row], stated: &str) -> Table {
+    let at_score = format!("recall {stated}");
+    let mut heads = vec!["Kind of encounter", "clips", "targets", &at_score, "at any score"];
+    let sizes: Vec<String> = (0..SIZES.len()).map(|i| format!("{} px", size_name(i))).collect();
+    heads.extend(sizes.iter().map(String::as_str));
+    let mut table = Table::new(&heads);
+    for row in rows {
+        let mut cells =
+            vec![row.kind.clone(), format!("{}", row.clips), format!("{}", row.targets)];
+        cells.extend([number(row.recall, 3), number(row.recall_at_any_score, 3)]);
+        cells.extend(row.by_size.iter().map(|(_, recall)| number(*recall, 3)));
+        table.row(&cells);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::matching::match_detections;
+    use super::super::score::Found;
+    use super::*;
+    use crate::shell::formats::clips::GroundTruth;
+    use std::path::Path;
+
+    #[test]
+    fn hovering_before_texture_is_a_row() {
+        let truth = "1,1,0,0,20,20\n2,1,0,0,20,20\n3,1,0,0,20,20\n";
+        let truth = GroundTruth::parse(truth, Path::new("gt.txt")).unwrap();
+        let found = |frame, score| Found { frame, rect: [0.0, 0.0, 20.0, 20.0], score };
+        let matches = match_detections(&truth, &[found(1, 3.0), found(2, 1.0)], 0.3, 0);
+        let kind = |kind: &str| Facts { kind: Some(kind.into()), ..Facts::default() };
+        let facts = [kind("hover"), kind("crossing"), Facts::default()];
+        let clip = |i: usize| KindClip {
+            matches: &matches,
+            textures: Some(&[2.0, 12.0, 30.0]),
+            facts: &facts[i],
+        };
+        let rows = rows(&[clip(0), clip(1), clip(2)], Some(2.0));
+        let names: Vec<&str> = rows.iter().map(|row| row.kind.as_str()).collect();
+        assert_eq!(names, ["crossing", "hover", HOVER_BEFORE_TEXTURE]);
+        assert_eq!((rows[1].targets, rows[1].recall), (3, Some(1.0 / 3.0)));
+        assert_eq!((rows[2].targets, rows[2].recall), (2, Some(0.0)));
+        assert_eq!(rows[2].recall_at_any_score, Some(0.5));
+        assert_eq!(rows[1].by_size[1], ("16-24".into(), Some(1.0 / 3.0)));
+        assert!(table(&rows, "at score 2").text().contains("hover before texture"));
+    }
+}

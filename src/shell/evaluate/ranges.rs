@@ -1,0 +1,164 @@
+//! Probability of a confirmed track over the distance of the target, by its span.
+
+use super::facts::Facts;
+use super::table::{Table, number};
+use super::track_figures::quantile;
+use super::track_metrics::ClipTracks;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::string::String;
+use std::vec::Vec;
+use std::{format, vec};
+
+/// Upper bounds of the bins of distance, metres.
+const BOUNDS_M: [f64; 12] =
+    [5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0, 200.0, 400.0, f64::INFINITY];
+
+/// Names of the groups of span and their upper bounds, metres.
+const SPANS: [(&str, f64); 3] =
+    [("span below 1 m", 1.0), ("span 1 to 5 m", 5.0), ("span 5 m and more", f64::INFINITY)];
+
+/// Targets of one group of spans.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SpanRanges {
+    /// The group.
+    pub name: &'static str,
+    /// Targets in it.
+    pub targets: usize,
+    /// Of these, targets that a confirmed track was on at any time.
+    pub tracked: usize,
+    /// Distance at the first frame with a confirmed track, metres: median over the tracked targets.
+    pub first_track_m: Option<f64>,
+    /// Farthest distance of a frame with a confirmed track, metres.
+    pub farthest_m: Option<f64>,
+    /// By distance.
+    pub bins: Vec<RangeBin>,
+}
+
+/// Frames of targets in a bin of distance.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct RangeBin {
+    /// From this distance on, metres.
+    pub from_m: f64,
+    /// Below this one; none: without end.
+    pub to_m: Option<f64>,
+    /// Frames of targets.
+    pub frames: u64,
+    /// Share of them with a confirmed track on the target; none without frames.
+    pub tracked: Option<f64>,
+}
+
+impl RangeBin {
+    /// Its bounds in words.
+    pub fn name(&self) -> String {
+        match self.to_m {
+            Some(to) => format!("{} to {to}", self.from_m),
+            None => format!("{} on", self.from_m),
+        }
+    }
+}
+
+/// The groups of span that occur; empty where no distances are known.
+pub fn figures(clips: &[(&ClipTracks, &Facts)]) -> Vec<SpanRanges> {
+    let group = |span: f64| SPANS.iter().position(|(_, bound)| span < *bound).unwrap_or(0);
+    let mut counts = vec![[(0u64, 0u64); BOUNDS_M.len()]; SPANS.len()];
+    // By group: first distance of each target's track, if there was one.
+    let mut firsts: Vec<BTreeMap<(usize, i64), Option<f64>>> = vec![BTreeMap::new(); SPANS.len()];
+    let mut farthest = vec![None::<f64>; SPANS.len()];
+    for (number, (clip, facts)) in clips.iter().enumerate() {
+        for sample in &clip.ranges {
+            let place = usize::try_from(sample.id - 1).ok();
+            let Some(&span) = place.and_then(|place| facts.spans_m.get(place)) else { continue };
+            let group = group(span);
+            let bin = BOUNDS_M.partition_point(|&bound| bound <= sample.range_m);
+            let count = &mut counts[group][bin.min(BOUNDS_M.len() - 1)];
+            count.0 += 1;
+            let first = firsts[group].entry((number, sample.id)).or_default();
+            if sample.tracked {
+                count.1 += 1;
+                first.get_or_insert(sample.range_m);
+                farthest[group] = Some(farthest[group].unwrap_or(0.0).max(sample.range_m));
+            }
+        }
+    }
+    let figure = |(i, (name, _)): (usize, &(&'static str, f64))| {
+        let bin = |(b, &(frames, tracked)): (usize, &(u64, u64))| RangeBin {
+            from_m: if b == 0 { 0.0 } else { BOUNDS_M[b - 1] },
+            to_m: Some(BOUNDS_M[b]).filter(|bound| bound.is_finite()),
+            frames,
+            tracked: (frames > 0).then(|| tracked as f64 / frames as f64),
+        };
+        let seen: Vec<f64> = firsts[i].values().copied().flatten().collect();
+        SpanRanges {
+            name,
+            targets: firsts[i].len(),
+            tracked: seen.len(),
+            first_track_m: quantile(&seen, 0.5),
+            farthest_m: farthest[i],
+            bins: counts[i].iter().enumerate().map(bin).collect(),
+        }
+    };
+    let all = SPANS.iter().enumerate().map(figure);
+    all.filter(|group| group.targets > 0).collect()
+}
+
+/// The table for a terminal; a cell is the share of frames with a track, and the frames.
+pub fn table(groups: &[SpanRanges]) -> Table {
+    let mut heads = vec!["Share of frames with a track, by distance (m)"];
+    heads.extend(groups.iter().map(|group| group.name));
+    let mut table = Table::new(&heads);
+    for bin in 0..BOUNDS_M.len() {
+        if groups.iter().all(|group| group.bins[bin].frames == 0) {
+            continue;
+        }
+        let cell = |group: &SpanRanges| match group.bins[bin] {
+            RangeBin { frames: 0, .. } => "-".into(),
+            RangeBin { tracked, frames, .. } => format!("{} of {frames}", number(tracked, 2)),
+        };
+        let name = groups.first().map_or(String::new(), |group| group.bins[bin].name());
+        table.row(&[name].into_iter().chain(groups.iter().map(cell)).collect::<Vec<_>>());
+    }
+    let row = |name: &str, cell: &dyn Fn(&SpanRanges) -> String| {
+        [name.into()].into_iter().chain(groups.iter().map(cell)).collect::<Vec<String>>()
+    };
+    table.row(&row("targets tracked", &|g| format!("{} of {}", g.tracked, g.targets)));
+    table.row(&row("distance at the first track, median (m)", &|g| number(g.first_track_m, 0)));
+    table.row(&row("farthest track (m)", &|g| number(g.farthest_m, 0)));
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::track_metrics::RangeSample;
+    use super::*;
+
+    #[test]
+    fn shares_by_distance_and_span() {
+        let sample = |id, range_m, tracked| RangeSample { id, range_m, tracked };
+        let clip = ClipTracks {
+            ranges: vec![
+                sample(1, 35.0, false),
+                sample(1, 32.0, true),
+                sample(1, 4.0, true),
+                sample(2, 500.0, false),
+                // Its span is not known.
+                sample(3, 9.0, true),
+            ],
+            ..ClipTracks::default()
+        };
+        let facts = Facts { spans_m: vec![0.55, 12.0], ..Facts::default() };
+        let groups = figures(&[(&clip, &facts)]);
+        assert_eq!(groups.len(), 2);
+        assert_eq!((groups[0].targets, groups[0].tracked), (1, 1));
+        assert_eq!((groups[0].first_track_m, groups[0].farthest_m), (Some(32.0), Some(32.0)));
+        let bin = |group: usize, bin: usize| {
+            (groups[group].bins[bin].frames, groups[group].bins[bin].tracked)
+        };
+        assert_eq!([bin(0, 0), bin(0, 1), bin(0, 5)], [(1, Some(1.0)), (0, None), (2, Some(0.5))]);
+        assert_eq!(bin(1, 11), (1, Some(0.0)));
+        assert_eq!((groups[1].tracked, groups[1].first_track_m), (0, None));
+        let text = table(&groups).text();
+        assert!(text.contains("30 to 40") && text.contains("0.50 of 2"), "{text}");
+        assert!(figures(&[]).is_empty());
+    }
+}

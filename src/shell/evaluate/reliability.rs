@@ -1,0 +1,129 @@
+//! Reliability of the model's table of precisions: the precision that it states for a score against the one found.
+
+use super::bootstrap::{Bootstrap, Interval};
+use super::matching::{ClipMatches, Match};
+use super::table::{Table, number, with_interval};
+use crate::model::Model;
+use crate::model::calibration::ONE;
+use crate::shell::formats::detections::Decimal;
+use serde::Serialize;
+use std::format;
+use std::vec::Vec;
+
+/// Stated precisions that are looked up.
+const STATED: [f64; 8] = [0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99];
+
+/// The precision at which figures of use are taken.
+pub const WORKING_PRECISION: f64 = 0.9;
+
+/// One row of the table; detections of that score or more.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Row {
+    /// Share of right ones that the model states.
+    pub stated: f64,
+    /// The score, log-odds.
+    pub score: f64,
+    /// Detections that count.
+    pub detections: u64,
+    /// Share of right ones found, with the interval over clips.
+    pub found: Interval,
+    /// Share of all targets found; none without targets.
+    pub recall: Option<f64>,
+}
+
+/// Score (log-odds) from which on the model states this precision.
+pub fn score_of(model: &Model<'_>, precision: f64) -> Option<f64> {
+    let wanted = (precision * f64::from(ONE)) as u32;
+    model.calibration().threshold(wanted).map(|bits| Decimal::score(bits).to_f64())
+}
+
+/// The rows whose scores are `least` or more, which was the least that the detector reported.
+pub fn rows(
+    model: &Model<'_>,
+    least: Option<f64>,
+    matches: &[ClipMatches],
+    bootstrap: &Bootstrap,
+) -> Vec<Row> {
+    let scored = STATED.map(|stated| Some((stated, score_of(model, stated)?)));
+    let reported = |(_, score): &(f64, f64)| least.is_none_or(|least| *score >= least);
+    let rows = scored.into_iter().flatten().filter(reported);
+    rows.map(|(stated, score)| row(stated, score, matches, bootstrap)).collect()
+}
+
+fn row(stated: f64, score: f64, matches: &[ClipMatches], bootstrap: &Bootstrap) -> Row {
+    let count = |clip: &ClipMatches| {
+        let counted = clip.detections.iter().filter(|d| d.score >= score);
+        counted.fold((0, 0), |(right, wrong), detection| match detection.kind {
+            Match::TruePositive(_) => (right + 1, wrong),
+            Match::FalsePositive => (right, wrong + 1),
+            Match::Ignored { .. } => (right, wrong),
+        })
+    };
+    let counts: Vec<(u64, u64)> = matches.iter().map(count).collect();
+    let (right, wrong) =
+        counts.iter().fold((0, 0), |(right, wrong), clip| (right + clip.0, wrong + clip.1));
+    let targets: usize = matches.iter().map(|clip| clip.targets.len()).sum();
+    Row {
+        stated,
+        score,
+        detections: right + wrong,
+        found: bootstrap.share(&counts),
+        recall: (targets > 0).then(|| right as f64 / targets as f64),
+    }
+}
+
+/// The table for a terminal.
+pub fn table(rows: &[Row]) -> Table {
+    let heads =
+        ["Precision stated", "score from", "detections", "precision found (95 %)", "recall"];
+    let mut table = Table::new(&heads);
+    for row in rows {
+        let Interval { value, low, high } = row.found;
+        table.row(&[
+            format!("{:.2}", row.stated),
+            format!("{:.3}", row.score),
+            format!("{}", row.detections),
+            with_interval(value, low, high, 3),
+            number(row.recall, 3),
+        ]);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::matching::{WARMUP, match_detections};
+    use super::super::score::Found;
+    use super::*;
+    use crate::shell::formats::clips::GroundTruth;
+    use std::path::Path;
+    use std::string::String;
+
+    #[test]
+    fn precision_found_by_hand() {
+        // Four clips of one target; scores 3 and 1 on it, 2 beside it in every second clip.
+        let truth: String = (4..=9).map(|f| format!("{f},1,10,10,20,20\n")).collect();
+        let truth = GroundTruth::parse(&truth, Path::new("gt.txt")).unwrap();
+        let clip = |number: usize| {
+            let mut found: Vec<Found> = Vec::new();
+            for frame in 4..=9 {
+                let score = if frame % 2 == 0 { 3.0 } else { 1.0 };
+                found.push(Found { frame, rect: [10.0, 10.0, 20.0, 20.0], score });
+                if number.is_multiple_of(2) {
+                    found.push(Found { frame, rect: [60.0, 60.0, 20.0, 20.0], score: 2.0 });
+                }
+            }
+            match_detections(&truth, &found, 0.3, WARMUP)
+        };
+        let matches: Vec<ClipMatches> = (0..4).map(clip).collect();
+        let bootstrap = Bootstrap::new(4, 200, 1);
+        let high = row(0.9, 2.5, &matches, &bootstrap);
+        assert_eq!((high.detections, high.found.value, high.recall), (12, Some(1.0), Some(0.5)));
+        let low = row(0.5, 0.5, &matches, &bootstrap);
+        assert_eq!((low.detections, low.recall), (36, Some(1.0)));
+        let Interval { value, low, high } = low.found;
+        assert_eq!(value, Some(24.0 / 36.0));
+        assert!(low < Some(0.6) && high > Some(0.75), "{low:?} {high:?}");
+        assert!(row(0.5, 9.0, &matches, &bootstrap).found.value.is_none());
+    }
+}

@@ -1,0 +1,222 @@
+//! Clips in which nothing flies that may be reported: false detections, false tracks and alerts an hour.
+//!
+//! Intervals are Poisson's. They hold for events that come one by one: of detections, of which one object gives many,
+//! they are too narrow.
+
+use super::facts::Facts;
+use super::matching::{ClipMatches, Match};
+use super::poisson::Rate;
+use super::table::{Table, with_interval};
+use super::track_metrics::{ClipTracks, TrackResult};
+use serde::Serialize;
+use std::format;
+use std::vec;
+use std::vec::Vec;
+
+/// A clip as this needs it.
+#[derive(Debug, Clone, Copy)]
+pub struct QuietClip<'a> {
+    /// Its detections, matched.
+    pub matches: &'a ClipMatches,
+    /// Its tracks; none where nothing was followed.
+    pub tracks: Option<&'a ClipTracks>,
+    /// Facts of it.
+    pub facts: &'a Facts,
+    /// Its length, hours.
+    pub hours: f64,
+}
+
+/// What raised a false report, as far as labels and tables say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Cause {
+    /// On a labelled bird.
+    Bird,
+    /// In a clip with things that move along the ground.
+    Movers,
+    /// In a clip of which the table says that nothing moves on the ground.
+    StillBackground,
+    /// In a clip of which nothing is known.
+    NotKnown,
+}
+
+const CAUSES: [(Cause, &str); 4] = [
+    (Cause::Bird, "on a bird"),
+    (Cause::Movers, "clips with movers on the ground"),
+    (Cause::StillBackground, "clips without movers"),
+    (Cause::NotKnown, "cause not known"),
+];
+
+fn cause(facts: &Facts, bird: bool) -> Cause {
+    match (bird, facts.movers) {
+        (true, _) => Cause::Bird,
+        (false, Some(movers)) if movers > 0.0 => Cause::Movers,
+        (false, Some(_)) => Cause::StillBackground,
+        (false, None) => Cause::NotKnown,
+    }
+}
+
+/// Rates of one kind of event.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Events {
+    /// The kind.
+    pub name: &'static str,
+    /// All of them.
+    pub all: Rate,
+    /// By cause; only causes with events.
+    by_cause: Vec<CauseRate>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct CauseRate {
+    cause: Cause,
+    #[serde(flatten)]
+    rate: Rate,
+}
+
+/// Figures of the clips without a target.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct WithoutTarget {
+    /// Clips.
+    pub clips: usize,
+    /// Their length, hours.
+    pub hours: f64,
+    /// Least score of the detections counted, log-odds; none: all.
+    pub score: Option<f64>,
+    /// The kinds of events.
+    pub events: Vec<Events>,
+}
+
+impl WithoutTarget {
+    /// Of clips; none where there is no such clip. Detections count from `score` on.
+    pub fn new(clips: &[QuietClip<'_>], score: Option<f64>) -> Option<Self> {
+        if clips.is_empty() {
+            return None;
+        }
+        let hours = clips.iter().map(|clip| clip.hours).sum();
+        let detections = |clip: &QuietClip<'_>, bird: bool| {
+            let counted = |d: f64| score.is_none_or(|score| d >= score);
+            let found = clip.matches.detections.iter().filter(|d| counted(d.score));
+            found
+                .filter(|d| match d.kind {
+                    Match::Ignored { bird: on } => on && bird,
+                    Match::FalsePositive => !bird,
+                    Match::TruePositive(_) => false,
+                })
+                .count() as u64
+        };
+        let of_tracks = |of: fn(&TrackResult) -> u64| {
+            move |clip: &QuietClip<'_>, bird: bool| {
+                let tracks = clip.tracks.into_iter().flat_map(|tracks| &tracks.tracks);
+                tracks.filter(|track| track.is_bird() == bird).map(of).sum::<u64>()
+            }
+        };
+        let mut events = vec![events("false detections", clips, hours, &detections)];
+        if clips.iter().all(|clip| clip.tracks.is_some()) {
+            let kinds: [(&'static str, fn(&TrackResult) -> u64); 3] = [
+                ("confirmed false tracks", |_| 1),
+                ("cautions", |track| track.cautions),
+                ("warnings", |track| track.warnings),
+            ];
+            for (name, of) in kinds {
+                events.push(self::events(name, clips, hours, &of_tracks(of)));
+            }
+        }
+        Some(Self { clips: clips.len(), hours, score, events })
+    }
+
+    /// The table for a terminal.
+    pub fn table(&self) -> Table {
+        let first = format!("Clips without a target: {}, {:.4} hours", self.clips, self.hours);
+        let mut table = Table::new(&[&first, "events", "an hour (95 %, Poisson)"]);
+        for Events { name, all, by_cause } in &self.events {
+            let mut row = |name: &str, Rate { events, per_hour, low, high }: Rate| {
+                let rate = with_interval(per_hour, low, high, 1);
+                table.row(&[name, &format!("{events}"), &rate]);
+            };
+            row(name, *all);
+            for CauseRate { cause, rate } in by_cause {
+                let cause = CAUSES.iter().find(|(one, _)| one == cause).map_or("", |c| c.1);
+                row(&format!("  {cause}"), *rate);
+            }
+        }
+        table
+    }
+}
+
+/// Counts the events of each cause; `count` gives those of a clip that are on birds, or are not.
+fn events(
+    name: &'static str,
+    clips: &[QuietClip<'_>],
+    hours: f64,
+    count: &dyn Fn(&QuietClip<'_>, bool) -> u64,
+) -> Events {
+    let mut counts = [0; CAUSES.len()];
+    for clip in clips {
+        for bird in [true, false] {
+            let own = cause(clip.facts, bird);
+            let place = CAUSES.iter().position(|(cause, _)| *cause == own).unwrap_or(0);
+            counts[place] += count(clip, bird);
+        }
+    }
+    let of_cause = |(&(cause, _), &count): (&(Cause, &str), &u64)| {
+        (count > 0).then(|| CauseRate { cause, rate: Rate::new(count, hours) })
+    };
+    let by_cause = CAUSES.iter().zip(&counts).filter_map(of_cause).collect();
+    Events { name, all: Rate::new(counts.iter().sum(), hours), by_cause }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::matching::match_detections;
+    use super::super::score::Found;
+    use super::*;
+    use crate::shell::formats::clips::GroundTruth;
+    use std::path::Path;
+
+    #[test]
+    fn events_an_hour_by_cause() {
+        // A bird in frame 1: one detection on it, two beside it, of which one is weak.
+        let truth = GroundTruth::parse("1,1,10,10,20,20,1,4,1", Path::new("gt.txt")).unwrap();
+        let found =
+            |left: f64, score: f64| Found { frame: 1, rect: [left, 10.0, 20.0, 20.0], score };
+        let found = [found(10.0, 5.0), found(60.0, 4.0), found(90.0, 1.0)];
+        let matches = match_detections(&truth, &found, 0.3, 0);
+        let track = |on_bird, warnings| TrackResult {
+            frames: 10,
+            on_bird,
+            warnings,
+            ..TrackResult::default()
+        };
+        let tracks = ClipTracks { tracks: vec![track(9, 1), track(0, 0)], ..ClipTracks::default() };
+        let facts = [Facts { movers: Some(2.0), ..Facts::default() }, Facts::default()];
+        let clip = |i: usize| QuietClip {
+            matches: &matches,
+            tracks: Some(&tracks),
+            facts: &facts[i],
+            hours: 0.25,
+        };
+        let all = WithoutTarget::new(&[clip(0), clip(1)], Some(2.0)).unwrap();
+        assert_eq!((all.clips, all.hours), (2, 0.5));
+        let counts = |i: usize| {
+            let events: &Events = &all.events[i];
+            let by: Vec<(Cause, u64)> =
+                events.by_cause.iter().map(|c| (c.cause, c.rate.events)).collect();
+            (events.name, events.all.events, by)
+        };
+        let (bird, movers, other) = (Cause::Bird, Cause::Movers, Cause::NotKnown);
+        assert_eq!(counts(0), ("false detections", 4, vec![(bird, 2), (movers, 1), (other, 1)]));
+        assert_eq!(
+            counts(1),
+            ("confirmed false tracks", 4, vec![(bird, 2), (movers, 1), (other, 1)])
+        );
+        assert_eq!(counts(3), ("warnings", 2, vec![(bird, 2)]));
+        assert_eq!(all.events[3].all.per_hour, Some(4.0));
+        let text = all.table().text();
+        assert!(text.contains("warnings") && text.contains("4.0 (0.5 to 14.4)"), "{text}");
+        // Without tracks there are detections alone.
+        let one = QuietClip { tracks: None, ..clip(0) };
+        assert_eq!(WithoutTarget::new(&[one], None).unwrap().events.len(), 1);
+        assert!(WithoutTarget::new(&[], None).is_none());
+    }
+}

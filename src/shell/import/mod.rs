@@ -1,0 +1,173 @@
+//! `lookout import`: labels in other forms, written as a folder of clips with `gt.txt`.
+//!
+//! In: a data set of YOLO, COCO, MOTChallenge, CVAT, Pascal VOC or Airborne Object Tracking. Each reader gives
+//! [`Sequence`]s with the class names of the data set; [`ClassMap`] turns the names into ours; [`write`] links pictures
+//! and videos and writes the labels. Out: `DIR/CLIP/` with `gt.txt`, the video or `frames/`, and `seqinfo.ini` where
+//! rate or size are known.
+
+mod aot;
+mod classes;
+mod coco;
+mod cvat;
+mod error;
+mod mot;
+mod pictures;
+mod voc;
+mod write;
+mod xml;
+mod yolo;
+
+pub use classes::ClassMap;
+pub use error::ImportError;
+
+use super::error::Error;
+use super::support::interrupt::Ended;
+use clap::ValueEnum;
+use std::path::{Path, PathBuf};
+use std::string::String;
+use std::vec::Vec;
+use std::{eprintln, format};
+
+/// Command-line arguments of `lookout import`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ImportArgs {
+    /// Form of the labels
+    #[arg(value_name = "FORM", value_enum)]
+    form: Form,
+    /// The data set: its top folder, or the file with the labels
+    #[arg(value_name = "SRC")]
+    source: PathBuf,
+    /// Folder for the clips; must not hold clips of these names yet
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Table of class names: lines `NAME = drone|airplane|helicopter|bird|ignore|skip`; ignore: neither target nor false
+    /// alarm, skip: as if not labelled
+    #[arg(long, value_name = "MAP")]
+    classes: Option<PathBuf>,
+    /// Frames a second where the data set does not say
+    #[arg(long, value_name = "FPS", value_parser = parse_rate)]
+    fps: Option<f64>,
+    /// Copy videos and pictures instead of linking them
+    #[arg(long)]
+    copy: bool,
+}
+
+/// Forms of labels that are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Form {
+    /// A text a picture with `class x y width height` in shares of the picture (Ultralytics, Darknet)
+    Yolo,
+    /// JSON with images, annotations and categories; with `video_id` and `frame_id` (CocoVID) by video
+    Coco,
+    /// MOTChallenge sequences with gt/gt.txt; `lookout eval` reads them in place where the classes are ours
+    Mot,
+    /// XML of CVAT for video 1.1 or for images 1.1
+    Cvat,
+    /// Pascal VOC: an XML a picture
+    Voc,
+    /// Airborne Object Tracking: ImageSets/groundtruth.json and Images/FLIGHT
+    Aot,
+}
+
+/// One sequence of frames with its labels, as a data set has them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Sequence {
+    /// Name, made fit for a folder when written.
+    pub name: String,
+    /// Where its frames are.
+    pub frames: Frames,
+    /// Frames a second, where known.
+    pub rate: Option<f64>,
+    /// Number of frames, where known.
+    pub length: Option<u64>,
+    /// Size of the frames in pixels, where known.
+    pub size: Option<(u32, u32)>,
+    /// The labels, in the order of the file.
+    pub labels: Vec<Label>,
+}
+
+/// Where the frames of a sequence are.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub enum Frames {
+    /// Nowhere that was found: the clip is written with labels alone.
+    #[default]
+    Missing,
+    /// A video.
+    Video(PathBuf),
+    /// Pictures in the order of frames.
+    Pictures(Vec<PathBuf>),
+}
+
+/// One labelled box.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Label {
+    /// The frame, from 1.
+    pub frame: u64,
+    /// Number of the object within the sequence; none where the data set follows no objects.
+    pub id: Option<i64>,
+    /// Left, top, width, height in pixels.
+    pub rect: [f64; 4],
+    /// Name of the class in the data set.
+    pub class: String,
+    /// Share that is seen, 0 to 1; 0: not to be evaluated.
+    pub visibility: f64,
+}
+
+fn parse_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse::<f64>().ok().filter(|rate| (1e-3..=1e6).contains(rate));
+    rate.ok_or_else(|| format!("'{text}' is not a number of frames a second"))
+}
+
+impl From<ImportError> for Error {
+    fn from(error: ImportError) -> Self {
+        Self::verb(error)
+    }
+}
+
+/// Reads the data set and writes the clips.
+///
+/// # Errors
+/// [`ImportError`]; nothing is written when a label cannot be read or a class is not known.
+pub fn run(args: &ImportArgs) -> Result<Ended, ImportError> {
+    let mut sequences = read(args.form, &args.source)?;
+    if sequences.is_empty() {
+        return Err(ImportError::Nothing { path: args.source.clone() });
+    }
+    let map = match &args.classes {
+        Some(path) => ClassMap::read(path)?,
+        None => ClassMap::default(),
+    };
+    for sequence in &mut sequences {
+        sequence.rate = sequence.rate.or(args.fps);
+    }
+    let written = write::clips(&sequences, &map, &args.out, args.copy)?;
+    for name in &written.without_frames {
+        eprintln!("lookout: {name}: no frames found for it; put its video or frames/ there");
+    }
+    eprintln!(
+        "{} clips, {} boxes ({} ignored, {} skipped) in {}",
+        written.clips,
+        written.boxes,
+        written.ignored,
+        written.skipped,
+        args.out.display()
+    );
+    Ok(Ended::Complete)
+}
+
+/// The sequences of a data set, by name.
+///
+/// # Errors
+/// [`ImportError`] naming the file and what is wrong in it.
+pub fn read(form: Form, source: &Path) -> Result<Vec<Sequence>, ImportError> {
+    let mut sequences = match form {
+        Form::Yolo => yolo::read(source),
+        Form::Coco => coco::read(source),
+        Form::Mot => mot::read(source),
+        Form::Cvat => cvat::read(source),
+        Form::Voc => voc::read(source),
+        Form::Aot => aot::read(source),
+    }?;
+    sequences.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(sequences)
+}
