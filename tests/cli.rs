@@ -311,6 +311,64 @@ fn one_broken_clip_does_not_end_an_evaluation() {
 }
 
 #[test]
+fn clips_without_camera_are_followed_and_no_track_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = split(&folder);
+    let printed = succeeded(lookout(&["eval", &data, "--tracks", "--threshold", "32000"], b""));
+    assert!(printed.contains("No track was confirmed"), "{printed}");
+    assert!(printed.contains(
+        "2 of 2 clips have no camera.json: a horizontal field of view of 60 degrees is assumed"
+    ));
+    let bearing = printed.lines().find(|line| line.starts_with("direction error, median"));
+    assert!(bearing.unwrap().ends_with(" -"), "{printed}");
+}
+
+#[test]
+fn several_splits_are_counted_apart_and_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, out) = (split(&folder), path(&folder, "out"));
+    let other = path(&folder, "other/dev");
+    pictures(&Path::new(&other).join("quiet/frames"), 6);
+    fs::write(Path::new(&other).join("quiet/gt.txt"), "").unwrap();
+    let printed = succeeded(lookout(&["eval", &data, &other, "--out", &out, "--json"], b""));
+    let json: serde_json::Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!(json["clips"], 3);
+    assert_eq!((&json["splits"][0]["clips"], &json["splits"][1]["clips"]), (&2.into(), &1.into()));
+    let hours = |value: &serde_json::Value| value["hours"].as_f64().unwrap();
+    let (all, parts) = (hours(&json), hours(&json["splits"][0]) + hours(&json["splits"][1]));
+    assert!((all - parts).abs() < 1e-12 && (all * 3600.0 - 18.0 / 30.0).abs() < 1e-4, "{all}");
+    let quiet = &json["without_target"];
+    assert_eq!(
+        (&quiet["clips"], &quiet["events"][1]["name"]),
+        (&1.into(), &"confirmed false tracks".into())
+    );
+    assert!(hours(quiet) > 0.0 && quiet["events"][3]["all"]["high"].as_f64().unwrap() > 0.0);
+    assert!(Path::new(&out).join("other-dev/quiet.txt").exists());
+    let scored = succeeded(lookout(&["score", &data, &other, &out, "--json"], b""));
+    let scored: serde_json::Value = serde_json::from_str(&scored).unwrap();
+    assert_eq!(scored["reports"], json["reports"]);
+}
+
+#[test]
+fn rows_behind_the_end_are_no_misses() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = split(&folder);
+    let gt = Path::new(&data).join("east/gt.txt");
+    let more = fs::read_to_string(&gt).unwrap()
+        + "6,2,1,1,20,20,0,1,1\n7,1,1,1,20,20,1,1,1\n9,1,1,1,20,20,1,1,1\n";
+    fs::write(&gt, more).unwrap();
+    let output = lookout(&["eval", &data, "--json"], b"");
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        said.contains("east: labels: 2 rows behind the video's last frame: left out"),
+        "{said}"
+    );
+    assert!(said.contains("east: labels: 1 row with conf 0"), "{said}");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["reports"][0]["positives"], 6);
+}
+
+#[test]
 fn detections_that_cannot_be_scored() {
     let folder = tempfile::tempdir().unwrap();
     let (data, out) = (split(&folder), path(&folder, "out"));

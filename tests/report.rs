@@ -209,8 +209,19 @@ fn the_page_stands_alone() {
     }
     assert!(html.split("src=\"").skip(1).all(|src| src.starts_with("data:image/png;base64,")));
     assert!(unbalanced(&html).is_empty());
-    // Two plots each of precision, false alarms, the regressors, and by size, contrast, agitation, kind, class.
-    assert_eq!(html.matches("<svg ").count(), 16);
+    // Two plots each of precision, false alarms, the regressors, and by size, contrast, agitation, kind, class; one of reliability.
+    assert_eq!(html.matches("<svg ").count(), 17);
+    for section in ["Reliability", "False reports where nothing flies", "Registration"] {
+        assert!(html.contains(&format!("<h2>{section}</h2>")), "{section}");
+    }
+    // A row on a phone names its cells; nothing is said of intervals that are not shown, nor of hours that are none.
+    assert!(html.contains("<td class=\"left\" data-head=\"Method\">"));
+    assert_eq!(html.contains("<small>"), html.contains("Small: "));
+    assert!(
+        !html.contains("0.000 hours") && html.contains("Of these, 1 is ("),
+        "{}",
+        &html[..3000]
+    );
     assert!(html.contains("a&lt;b &amp; c") && !html.contains("a<b"));
     let strips = |name: &str| json[name].as_array().unwrap().len();
     assert_eq!(html.matches("<img ").count(), strips("misses") + strips("false_alarms"));

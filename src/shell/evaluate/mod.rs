@@ -118,6 +118,7 @@ impl SplitArgs {
             tracking: Settings { track: track.unwrap_or_default(), ..Settings::default() },
             with_attitude: !self.no_attitude,
             assumed_fov: self.fov,
+            strict: self.tracks,
         }
     }
 }

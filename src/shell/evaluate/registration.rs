@@ -84,7 +84,7 @@ fn bilinear(frame: &Frame, x: i32, y: i32) -> Option<f64> {
 }
 
 /// Registration over all clips.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct RegistrationFigures {
     /// Frames with one before them.
     pub frames: u64,

@@ -35,6 +35,8 @@ pub struct FollowSettings {
     pub with_attitude: bool,
     /// Horizontal field of view that is assumed without `camera.json`, degrees.
     pub assumed_fov: f64,
+    /// Whether a `camera.json` or `truth.csv` that is not understood is an error; else it is as if not there.
+    pub strict: bool,
 }
 
 /// Follows the objects of one clip and keeps what its figures need.
@@ -149,9 +151,16 @@ impl<'a> ClipWatch<'a> {
         kind: Option<&str>,
         settings: FollowSettings,
     ) -> Result<Self, Error> {
-        let camera = CameraFile::beside(&clip.directory)?;
+        let camera = match CameraFile::beside(&clip.directory) {
+            Err(error) if settings.strict => return Err(error.into()),
+            camera => camera.unwrap_or_default(),
+        };
         let path = clip.directory.join("truth.csv");
-        let truth = if path.is_file() { truth::read(&path)? } else { BTreeMap::new() };
+        let truth = match path.is_file().then(|| truth::read(&path)) {
+            Some(Err(error)) if settings.strict => return Err(error.into()),
+            Some(Ok(truth)) => truth,
+            _ => BTreeMap::new(),
+        };
         let known = settings.with_attitude && !truth.is_empty();
         let kind = kind.map(ToString::to_string).or_else(|| camera.as_ref()?.kind.clone());
         let result = ClipTracks {
@@ -179,14 +188,19 @@ impl<'a> ClipWatch<'a> {
         let path = self.clip.directory.join("camera.json");
         let wrong = |reason| Error::from(FormatError::Camera { path: path.clone(), reason });
         match &self.camera {
-            Some(file) if (file.width as usize, file.height as usize) != (width, height) => {
+            Some(file)
+                if self.settings.strict
+                    && (file.width as usize, file.height as usize) != (width, height) =>
+            {
                 Err(wrong(format!(
                     "it is of {}x{}, the frames are {width}x{height}; calibrate at their size",
                     file.width, file.height
                 )))
             }
-            Some(file) => file.camera().map_err(wrong),
-            None => {
+            Some(file) if (file.width as usize, file.height as usize) == (width, height) => {
+                file.camera().map_err(wrong)
+            }
+            _ => {
                 let view = number("fov", self.settings.assumed_fov).map_err(wrong)? * PI / 180;
                 Camera::from_field_of_view(width as u32, height as u32, view)
                     .map_err(|e| wrong(e.to_string()))
@@ -339,4 +353,62 @@ fn assign(boxes: &[TruthBox], traffic: &[&Traffic]) -> Vec<Option<usize>> {
         }
     }
     right
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shell::formats::clips;
+    use std::fs;
+
+    fn follow(text: &str, extra: &[(&str, &str)], strict: bool) -> Result<ClipTracks, String> {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("gt.txt"), text).unwrap();
+        fs::write(folder.path().join("1.png"), "").unwrap();
+        for (name, text) in extra {
+            fs::write(folder.path().join(name), text).unwrap();
+        }
+        let clip = clips::clip(folder.path()).unwrap();
+        let tracking = Settings::default();
+        let settings = FollowSettings { tracking, with_attitude: true, assumed_fov: 60.0, strict };
+        let words = |error: Error| error.to_string();
+        let mut watch = ClipWatch::new(&clip, Some("collision"), settings).map_err(words)?;
+        for number in 1..=6 {
+            let time_us = number as i64 * 33_333;
+            watch.frame(number, time_us, (64, 48), &[], &Motion::IDENTITY).map_err(words)?;
+        }
+        Ok(watch.finish())
+    }
+
+    #[test]
+    fn birds_of_a_collision_flight_are_no_targets() {
+        let rows = (1..=6).map(|f| format!("{f},1,10,10,20,20,1,1,1\n{f},2,40,10,20,20,1,4,1\n"));
+        let tracks = follow(&rows.collect::<String>(), &[], true).unwrap();
+        let numbers: Vec<i64> = tracks.targets.iter().map(|(id, _)| *id).collect();
+        assert_eq!(numbers, [1]);
+        assert_eq!(tracks.targets[0].1.frames, 3);
+    }
+
+    #[test]
+    fn clips_without_camera_are_followed() {
+        let tracks = follow("1,1,10,10,20,20\n", &[], true).unwrap();
+        assert!(tracks.assumed_camera && !tracks.with_attitude);
+        let other = r#"{"fps": 10, "kind": "hover"}"#;
+        let error = follow("", &[("camera.json", other)], true).unwrap_err();
+        assert!(error.contains("camera.json") && error.contains("width"), "{error}");
+        assert!(follow("", &[("camera.json", other)], false).unwrap().assumed_camera);
+        let large = r#"{"width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 320, "cy": 240}"#;
+        let error = follow("", &[("camera.json", large)], true).unwrap_err();
+        assert!(error.contains("640x480, the frames are 64x48"), "{error}");
+        assert!(follow("", &[("camera.json", large)], false).is_ok());
+    }
+
+    #[test]
+    fn a_track_on_a_bird_is_no_false_track_but_its_warning_is_false() {
+        let bird = TrackResult { frames: 10, right: 9, on_bird: 9, ..TrackResult::default() };
+        assert!(bird.is_bird() && !bird.is_false());
+        let target = TrackResult { frames: 10, right: 9, on_bird: 1, ..TrackResult::default() };
+        assert!(!target.is_bird() && !target.is_false());
+        assert!(TrackResult { frames: 10, right: 4, ..TrackResult::default() }.is_false());
+    }
 }

@@ -10,6 +10,7 @@ use super::table::{Table, with_interval};
 use super::track_metrics::{ClipTracks, TrackResult};
 use serde::Serialize;
 use std::format;
+use std::string::String;
 use std::vec;
 use std::vec::Vec;
 
@@ -125,20 +126,26 @@ impl WithoutTarget {
         Some(Self { clips: clips.len(), hours, score, events })
     }
 
+    /// Name and rate of each kind of event, causes behind their kind.
+    pub fn rows(&self) -> Vec<(String, Rate)> {
+        let mut rows = Vec::new();
+        for Events { name, all, by_cause } in &self.events {
+            rows.push(((*name).into(), *all));
+            for CauseRate { cause, rate } in by_cause {
+                let cause = CAUSES.iter().find(|(one, _)| one == cause).map_or("", |c| c.1);
+                rows.push((format!("\u{2013} {cause}"), *rate));
+            }
+        }
+        rows
+    }
+
     /// The table for a terminal.
     pub fn table(&self) -> Table {
         let first = format!("Clips without a target: {}, {:.4} hours", self.clips, self.hours);
         let mut table = Table::new(&[&first, "events", "an hour (95 %, Poisson)"]);
-        for Events { name, all, by_cause } in &self.events {
-            let mut row = |name: &str, Rate { events, per_hour, low, high }: Rate| {
-                let rate = with_interval(per_hour, low, high, 1);
-                table.row(&[name, &format!("{events}"), &rate]);
-            };
-            row(name, *all);
-            for CauseRate { cause, rate } in by_cause {
-                let cause = CAUSES.iter().find(|(one, _)| one == cause).map_or("", |c| c.1);
-                row(&format!("  {cause}"), *rate);
-            }
+        for (name, Rate { events, per_hour, low, high }) in self.rows() {
+            let rate = with_interval(per_hour, low, high, 1);
+            table.row(&[&name, &format!("{events}"), &rate]);
         }
         table
     }

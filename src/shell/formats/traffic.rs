@@ -65,10 +65,11 @@ pub fn name(level: Level) -> &'static str {
     }
 }
 
-/// `track 3 rises to warning: 2.1 right, 0.4 up, contact in 4.5 s (+-0.8), range about 21 m (+-15)`.
+/// `track 3 is warning: 2.1 degrees right, 0.4 degrees down, contact in 4.5 s (+-0.8), range about 21 m (+-15)`.
 pub fn in_words(t: &Traffic) -> String {
     let degrees = |v: crate::math::real::Real| v.to_num::<f64>().to_degrees();
-    let (right, up) = (degrees(t.body.azimuth()), degrees(t.body.elevation()));
+    let right = side(degrees(t.body.azimuth()), "right", "left");
+    let up = side(degrees(t.body.elevation()), "up", "down");
     let estimate = |e: Estimate, digits: usize| {
         let [value, sigma] = [e.value, e.sigma].map(|v| v.to_num::<f64>());
         format!("{value:.digits$} (+-{sigma:.digits$})")
@@ -79,14 +80,28 @@ pub fn in_words(t: &Traffic) -> String {
     let range = t.range.map_or(String::new(), |range| {
         format!(", range about {} m if its span is as assumed", estimate(range, 0))
     });
-    format!(
-        "track {} is {}: {right:.1} degrees right, {up:.1} up, {contact}{range}",
-        t.id,
-        name(t.level)
-    )
+    format!("track {} is {}: {right}, {up}, {contact}{range}", t.id, name(t.level))
+}
+
+/// An angle with the side to which it goes.
+fn side(degrees: f64, positive: &str, negative: &str) -> String {
+    let name = if degrees < 0.0 { negative } else { positive };
+    format!("{:.1} degrees {name}", degrees.abs())
 }
 
 fn round(value: f64, digits: i32) -> f64 {
     let scale = 10f64.powi(digits);
     (value * scale).round() / scale
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn angles_have_a_side() {
+        assert_eq!(side(-20.1, "right", "left"), "20.1 degrees left");
+        assert_eq!(side(0.4, "up", "down"), "0.4 degrees up");
+        assert_eq!(side(0.0, "right", "left"), "0.0 degrees right");
+    }
 }

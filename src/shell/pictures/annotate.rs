@@ -1,4 +1,4 @@
-//! Detections drawn on the grey frame: box, score, motion vector.
+//! Detections drawn on a frame: box, score (log-odds), motion vector.
 
 use crate::detector::{Detection, Detections};
 use crate::image::Rect;
@@ -27,13 +27,22 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// The frame with its detections, written over what this picture was (its memory is used again).
-    pub fn annotate(&mut self, frame: &Frame, detections: &Detections) {
+    /// The frame in grey, written over what this picture was (its memory is used again).
+    pub fn grey(&mut self, frame: &Frame) {
         self.rgb.clear();
         self.rgb.extend(frame.pixels.iter().flat_map(|&grey| [grey; 3]));
         (self.width, self.height) = (frame.width, frame.height);
+    }
+
+    /// Draws boxes and scores, then the motion vectors, which nothing covers.
+    pub fn detections(&mut self, detections: &Detections) {
         for detection in &detections.list {
-            self.detection(detection);
+            self.box_and_score(detection);
+        }
+        for detection in &detections.list {
+            if let Some((start, vector)) = motion(detection) {
+                self.line(start, vector, MOTION);
+            }
         }
     }
 
@@ -71,21 +80,32 @@ impl Picture {
         [left, top, right, bottom]
     }
 
-    fn detection(&mut self, detection: &Detection) {
-        let rect = detection.rect;
+    /// The score stands above the box, else below it, to the right or to the left: where it meets neither the motion vector
+    /// nor the picture's edge.
+    fn box_and_score(&mut self, detection: &Detection) {
         // The outline lies around the box: on the pixels just outside.
-        let [left, top, right, bottom] = self.outline(rect, 1, BOX);
-        if let Some(oldest) = detection.shifts.last() {
-            // Where it was, turned round: where it goes.
-            let ahead = |shift: I28F4| pixel(shift.saturating_mul_int(-MOTION_SCALE));
-            let centre = (left.midpoint(right), top.midpoint(bottom));
-            let vector = (ahead(oldest.x), ahead(oldest.y));
-            self.line(centre, vector, MOTION);
-        }
+        let [left, top, right, bottom] = self.outline(detection.rect, 1, BOX);
         let score = format!("{:.2}", Decimal::score(detection.score).to_f64());
-        let above = top - GLYPH_HEIGHT - 1;
-        let text_top = if above >= 0 { above } else { bottom + 2 };
-        self.text(left, text_top, &score, BOX);
+        let width = score.len() as i32 * GLYPH_ADVANCE;
+        let places = [
+            (left, top - GLYPH_HEIGHT - 1),
+            (left, bottom + 2),
+            (right + 2, top),
+            (left - width - 1, top),
+        ];
+        let vector = motion(detection);
+        let is_free = |&&(x, y): &&(i32, i32)| {
+            let inside = x >= 0
+                && y >= 0
+                && x + width <= self.width as i32
+                && y + GLYPH_HEIGHT <= self.height as i32;
+            inside
+                && vector.is_none_or(|vector| !meets(vector, [x, y, x + width, y + GLYPH_HEIGHT]))
+        };
+        let inside = |&&(_, y): &&(i32, i32)| y >= 0;
+        let place = places.iter().find(is_free).or_else(|| places.iter().find(inside));
+        let (x, y) = place.copied().unwrap_or(places[1]);
+        self.text(x, y, &score, BOX);
     }
 
     /// Colours a pixel; nothing happens outside the picture.
@@ -123,6 +143,38 @@ impl Picture {
             }
         }
     }
+}
+
+/// Start and vector of the line that shows where a detection goes: its way over the st-cube, turned round.
+fn motion(detection: &Detection) -> Option<((i32, i32), (i32, i32))> {
+    let oldest = detection.shifts.last()?;
+    let rect = detection.rect;
+    let middle =
+        |start: I28F4, length: I28F4| (pixel(start) - 1).midpoint(last_pixel(start, length) + 1);
+    let ahead = |shift: I28F4| pixel(shift.saturating_mul_int(-MOTION_SCALE));
+    let start = (middle(rect.x, rect.width), middle(rect.y, rect.height));
+    Some((start, (ahead(oldest.x), ahead(oldest.y))))
+}
+
+/// Whether the line from a start along a vector meets the rectangle of left, top, right, bottom (Liang & Barsky 1984).
+fn meets(
+    ((x, y), (dx, dy)): ((i32, i32), (i32, i32)),
+    [left, top, right, bottom]: [i32; 4],
+) -> bool {
+    let (mut enter, mut leave) = (0.0f64, 1.0f64);
+    for (start, step, low, high) in [(x, dx, left, right), (y, dy, top, bottom)] {
+        let [start, step, low, high] = [start, step, low, high].map(f64::from);
+        if step == 0.0 {
+            if start < low || start > high {
+                return false;
+            }
+            continue;
+        }
+        let (a, b) = ((low - start) / step, (high - start) / step);
+        enter = enter.max(a.min(b));
+        leave = leave.min(a.max(b));
+    }
+    enter <= leave
 }
 
 /// The pixel in which a coordinate lies; far away ones are brought near, they are not drawn anyway.
@@ -183,7 +235,8 @@ mod tests {
         let mut detections = Detections::default();
         detections.list.push(detection).unwrap();
         let mut picture = Picture::default();
-        picture.annotate(&frame, &detections);
+        picture.grey(&frame);
+        picture.detections(&detections);
         picture
     }
 
@@ -211,6 +264,24 @@ mod tests {
         assert_eq!(rows[2], ".######...");
         assert_eq!(rows[5], ".##..##...");
         assert_eq!(rows[11], ".######...");
+    }
+
+    #[test]
+    fn the_score_is_never_on_the_motion_vector() {
+        // An object in the middle that goes up, down, left, right: the vector is as long when a score is drawn as without.
+        for shift in [[0, 160], [0, -160], [160, 0], [-160, 0], [96, 96]] {
+            let rect = [60 * 16, 60 * 16, 12 * 16, 12 * 16];
+            let rows = drawn(&annotated((130, 130), rect, shift, -(99 << 16)));
+            let vector = rows.iter().flat_map(|row| row.chars()).filter(|c| *c == '*').count();
+            let longest = (shift[0].abs().max(shift[1].abs()) * MOTION_SCALE / 16) as usize;
+            assert_eq!(vector, longest + 1, "{shift:?}");
+            // All glyphs of -99.00 are there: none was drawn over.
+            let digits = rows.iter().flat_map(|row| row.chars()).filter(|c| *c == '#').count();
+            let outline = 4 * 13;
+            let strokes = 4 * (3 + 12 + 12 + 1 + 12 + 12);
+            let over_outline = digits as i64 - (outline + strokes) as i64;
+            assert!((-2..=0).contains(&over_outline), "{shift:?}: {digits}");
+        }
     }
 
     proptest! {

@@ -1,6 +1,7 @@
 //! Pictures written as numbered PNG files or as a video through `ffmpeg`.
 
 pub mod annotate;
+pub mod colour;
 pub mod strip;
 
 use crate::shell::support::file_error::FileError;

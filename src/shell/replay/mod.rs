@@ -9,6 +9,7 @@ use super::formats::detections::{self, SCORE_BITS, TextFile};
 use super::formats::traffic;
 use super::pictures::Pictures;
 use super::pictures::annotate::Picture;
+use super::pictures::colour::Colours;
 use super::pipeline::{self, DetectorArgs, ModelFile};
 use super::sources::Frame;
 use super::support::interrupt::{self, Ended};
@@ -27,12 +28,15 @@ use std::collections::BTreeMap;
 
 use std::path::PathBuf;
 use std::string::String;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use std::{eprintln, format};
 use telemetry::{LATENCY_US, Telemetry, TelemetryArgs};
 
 /// Precision (Q16) of what is reported where nothing else is asked for and the model knows what its scores are worth.
 const PRECISION: u32 = ONE * 9 / 10;
+
+/// Time between two lines of progress where there is no terminal.
+const PROGRESS_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Least score that is reported where it does not: on the training clips held back, 96 of 100 such detections on
 /// airborne flights were targets, 97 on those from the ground (models/README.md).
@@ -108,9 +112,12 @@ fn replay(
     let own = args.flight.camera(input)?;
     let mut source = args.flight.open(input)?;
     let mut outputs = Outputs::create(args, threshold, own, tracks)?;
-    let bar = progress(source.frame_count());
+    let count = source.frame_count();
+    let bar = progress(count);
+    let mut spoken = SpokenProgress::new(bar.is_hidden());
     let mut each = |number, frame: &Frame, detections: &Detections| {
         bar.inc(1);
+        spoken.frame(number, count);
         outputs.take(number, frame, detections)
     };
     let name = args.flight.name(input);
@@ -137,6 +144,31 @@ fn progress(frames: Option<u64>) -> ProgressBar {
     ))
 }
 
+/// Lines of progress on standard error where no bar can be drawn: a log, a pipe.
+struct SpokenProgress {
+    start: Instant,
+    /// When the next line is due; none where a bar is drawn.
+    due: Option<Instant>,
+}
+
+impl SpokenProgress {
+    fn new(wanted: bool) -> Self {
+        let start = Instant::now();
+        Self { start, due: wanted.then(|| start + PROGRESS_INTERVAL) }
+    }
+
+    fn frame(&mut self, number: u64, count: Option<u64>) {
+        let now = Instant::now();
+        if self.due.is_none_or(|due| now < due) {
+            return;
+        }
+        self.due = Some(now + PROGRESS_INTERVAL);
+        let rate = number as f64 / (now - self.start).as_secs_f64();
+        let of = count.map_or(String::new(), |count| format!(" of {count}"));
+        eprintln!("lookout: frame {number}{of}, {rate:.1} frames a second");
+    }
+}
+
 /// Everything the user asked for, fed frame by frame.
 struct Outputs {
     threshold: i32,
@@ -154,6 +186,7 @@ struct Outputs {
     /// Nothing was asked for: detections are told in words.
     tell: bool,
     picture: Picture,
+    colours: Colours,
     frames: u64,
     found: u64,
     dropped: u64,
@@ -184,6 +217,10 @@ impl Outputs {
             digest: args.digest.then(Digest::default),
             tell: false,
             picture: Picture::default(),
+            colours: match args.annotate {
+                Some(_) => Colours::open(args.input.as_deref()),
+                None => Colours::Grey,
+            },
             frames: 0,
             found: 0,
             dropped: 0,
@@ -226,7 +263,8 @@ impl Outputs {
             jsonl.write(&detections::json_line(number, frame.time_us, found, Some(&tracks)))?;
         }
         if let Some(pictures) = &mut self.pictures {
-            self.picture.annotate(frame, found);
+            self.colours.next(frame, &mut self.picture);
+            self.picture.detections(found);
             self.picture.tracks(&tracks);
             pictures.write(number, frame.time_us, &self.picture)?;
         }
@@ -263,7 +301,10 @@ impl Outputs {
         }
         let rate = frames as f64 / self.start.elapsed().as_secs_f64();
         let lost = if dropped > 0 {
-            format!(" ({dropped} weaker candidates not looked at)")
+            format!(
+                " ({:.0} candidate windows a frame beyond the limit, the weakest, not classified)",
+                f64::from(u32::try_from(dropped).unwrap_or(u32::MAX)) / frames.max(1) as f64
+            )
         } else {
             String::new()
         };
@@ -277,7 +318,7 @@ impl Outputs {
     }
 }
 
-/// `frame 12, 0.367 s: 14.0x9.5 px at (120.0, 33.5), score 3.21, moving (+1.2, -0.4) px a frame`.
+/// `frame 12, 0.367 s: 14.0x9.5 px at (120.0, 33.5), score 3.21 (log-odds), moving (+1.2, -0.4) px a frame`.
 fn in_words(number: u64, time_us: i64, detection: &Detection) -> String {
     let [x, y, width, height] = detections::rect(detection).map(|v| v.to_f64());
     let score = detections::Decimal::score(detection.score).to_f64();
@@ -287,7 +328,7 @@ fn in_words(number: u64, time_us: i64, detection: &Detection) -> String {
     let (vx, vy) = (per_frame(oldest.x), per_frame(oldest.y));
     let seconds = time_us as f64 / 1e6;
     format!(
-        "frame {number}, {seconds:.3} s: {width:.1}x{height:.1} px at ({x:.1}, {y:.1}), score {score:.2}, \
+        "frame {number}, {seconds:.3} s: {width:.1}x{height:.1} px at ({x:.1}, {y:.1}), score {score:.2} (log-odds), \
          moving ({vx:+.1}, {vy:+.1}) px a frame"
     )
 }

@@ -55,6 +55,13 @@ impl Folder {
     }
 }
 
+impl Folder {
+    /// The pictures in the order of frames.
+    pub fn pictures(&self) -> &[PathBuf] {
+        &self.pictures
+    }
+}
+
 impl FrameSource for Folder {
     fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
         let Some(path) = self.pictures.get(self.next) else {

@@ -4,6 +4,7 @@ use super::figures::{Breakdown, Figures, IOUS, MethodFigures, limit_name};
 use super::gallery::{PER_CLIP, Strip};
 use super::plot::{self, Axis, Line, plot};
 use super::regressors;
+use super::sections;
 use crate::shell::evaluate::bootstrap::{FEWEST_CLIPS, Interval};
 use crate::shell::evaluate::score::FALSE_ALARMS;
 use base64::Engine;
@@ -21,6 +22,7 @@ pub fn page(figures: &Figures) -> String {
         false_alarms(figures),
         breakdowns(figures),
         operating_points(figures),
+        sections::page(figures),
         regressors::section(figures.regressors.as_ref()),
         gallery(figures),
         method(figures),
@@ -38,19 +40,36 @@ pub fn page(figures: &Figures) -> String {
 
 fn head(figures: &Figures) -> String {
     let flights = &figures.flights;
+    let without = match flights.clips_without_target {
+        0 => String::new(),
+        clips => format!(
+            " Of these, {clips} {} ({}) without a target.",
+            if clips == 1 { "is" } else { "are" },
+            length(flights.hours_without_target)
+        ),
+    };
     format!(
-        "<h1>Lookout: detection on {}</h1>\n<p>{} clips, {} frames ({:.3} hours of flight), {} targets, {} boxes on birds. \
-         Of these clips {} ({:.3} hours) show no target at all.</p>\n<p>{}</p>\n",
+        "<h1>Lookout: detection on {}</h1>\n<p>{} clips, {} frames ({}), {} targets, {} boxes on birds.{}</p>\n<p>{}</p>\n",
         escape(&figures.data),
         flights.clips,
         flights.frames,
-        flights.hours,
+        length(flights.hours),
         flights.targets,
         flights.bird_boxes,
-        flights.clips_without_target,
-        flights.hours_without_target,
+        without,
         legend(figures),
     )
+}
+
+/// A length of time in a unit that suits it.
+pub fn length(hours: f64) -> String {
+    if hours >= 1.0 {
+        format!("{hours:.2} hours")
+    } else if hours * 60.0 >= 1.0 {
+        format!("{:.1} minutes", hours * 60.0)
+    } else {
+        format!("{:.1} seconds", hours * 3600.0)
+    }
 }
 
 fn legend(figures: &Figures) -> String {
@@ -92,11 +111,15 @@ fn precision(figures: &Figures) -> String {
         let svg = plot(&Axis::share("recall"), &Axis::share("precision"), &lines(figures, line));
         figure(&svg, &format!("Precision and recall, IoU {}", IOUS[i]))
     });
+    let table = table(&heads, 1, figures.methods.iter().map(row));
+    // Few clips have no intervals.
+    let small = match table.contains("<small>") {
+        true => format!("Small: {:.0} % confidence interval. ", figures.bootstrap.level * 100.0),
+        false => String::new(),
+    };
     format!(
-        "<h2>Average precision</h2>\n{}<p class=\"note\">Small: {:.0} % confidence interval. Time: in this run, other clips at \
+        "<h2>Average precision</h2>\n{table}<p class=\"note\">{small}Time: in this run, other clips at \
          the same time; \u{201c}\u{2013}\u{201d}: not known.</p>\n<div class=\"plots\">{}</div>\n",
-        table(&heads, 1, figures.methods.iter().map(row)),
-        figures.bootstrap.level * 100.0,
         curves.collect::<String>(),
     )
 }
@@ -117,10 +140,10 @@ fn collisions(figures: &Figures) -> String {
         cells
     });
     format!(
-        "<h2>On a collision course</h2>\n<p class=\"note\">The {} flights of this kind alone ({:.3} hours, {} targets): what is \
+        "<h2>On a collision course</h2>\n<p class=\"note\">The {} flights of this kind alone ({}, {} targets): what is \
          going to hit the camera hardly moves in its picture.</p>\n{}",
         collisions.clips,
-        collisions.hours,
+        length(collisions.hours),
         collisions.targets,
         table(&heads, 1, rows),
     )
@@ -254,11 +277,11 @@ fn operating_points(figures: &Figures) -> String {
     });
     format!(
         "<h2>Birds, and flight without a target</h2>\n<p class=\"note\">Matched at IoU {}. On a bird is a detection with half of its area on \
-         the bird\u{2019}s box; it is no false alarm, as in the scorer. There are {} boxes on birds, and {:.3} hours of flight \
+         the bird\u{2019}s box; it is no false alarm, as in the scorer. There are {} boxes on birds, and {} \
          ({} clips) without a target.</p>\n{}",
         IOUS[1],
         figures.flights.bird_boxes,
-        figures.flights.hours_without_target,
+        length(figures.flights.hours_without_target),
         figures.flights.clips_without_target,
         table(&heads.map(ToString::to_string), 2, rows),
     )
@@ -337,12 +360,18 @@ pub fn table(heads: &[String], left: usize, rows: impl Iterator<Item = Vec<Strin
     let cells = |cells: &[String], tag: &str| {
         let cell = |(i, cell): (usize, &String)| {
             let class = if i < left { " class=\"left\"" } else { "" };
-            format!("<{tag}{class}>{cell}</{tag}>")
+            // On a phone a row is a card, and each cell stands behind its heading.
+            let head = heads.get(i).filter(|_| tag == "td");
+            let head = head.map_or(String::new(), |head| format!(" data-head=\"{head}\""));
+            format!("<{tag}{class}{head}>{cell}</{tag}>")
         };
         format!("<tr>{}</tr>\n", cells.iter().enumerate().map(cell).collect::<String>())
     };
     let body: String = rows.map(|row| cells(&row, "td")).collect();
-    format!("<div class=\"scroll\"><table>{}{body}</table></div>\n", cells(heads, "th"))
+    let heads = cells(heads, "th");
+    format!(
+        "<div class=\"scroll\"><table><thead>{heads}</thead><tbody>{body}</tbody></table></div>\n"
+    )
 }
 
 fn interval(interval: &Interval) -> String {

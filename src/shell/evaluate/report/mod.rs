@@ -10,6 +10,7 @@ mod matched;
 mod methods;
 mod plot;
 mod regressors;
+mod sections;
 
 pub use figures::{IOUS, LOOSE};
 pub use methods::{External, Seen, Watch, path_of, readable};
