@@ -217,7 +217,7 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
             if let (Some(mut plan), Some(model)) = (plan.take(), model) {
                 plan.measure_regressors(&splits.clips, model, &args.detector, args.jobs)?;
                 let runs = results.into_iter().filter_map(|r| Some((r.found, r.seen?))).collect();
-                if plan.write(&splits, &summary, runs, args.jobs)? == Ended::Interrupted {
+                if plan.write(&splits, summary.in_use(), runs, args.jobs)? == Ended::Interrupted {
                     return Ok(Ended::Interrupted);
                 }
             }

@@ -8,7 +8,7 @@ use super::matching::{self, ClipMatches, WARMUP};
 use super::ranges::{self, SpanRanges};
 use super::registration::RegistrationFigures;
 use super::reliability::{self, WORKING_PRECISION};
-use super::report::{IOUS, LOOSE};
+use super::report::{IOUS, InUse, LOOSE};
 use super::score::{FALSE_ALARMS, PRECISIONS, Report, Scorer};
 use super::splits::{Broken, Splits};
 use super::table::{Table, number};
@@ -197,24 +197,14 @@ impl Summary {
         }
     }
 
-    /// The registration's figures; none without a model.
-    pub fn registration(&self) -> Option<&RegistrationFigures> {
-        self.registration.as_ref()
-    }
-
-    /// The tracks by distance.
-    pub fn ranges(&self) -> &[SpanRanges] {
-        &self.ranges
-    }
-
-    /// The reliability of the model's table.
-    pub fn reliability(&self) -> &[reliability::Row] {
-        self.reliability.as_deref().unwrap_or_default()
-    }
-
-    /// The clips without a target.
-    pub fn without_target(&self) -> Option<&WithoutTarget> {
-        self.without_target.as_ref()
+    /// The figures that a report shows beside its own.
+    pub fn in_use(&self) -> InUse {
+        InUse {
+            registration: self.registration,
+            reliability: self.reliability.clone().unwrap_or_default(),
+            without_target: self.without_target.clone(),
+            ranges: self.ranges.clone(),
+        }
     }
 
     /// Prints it.

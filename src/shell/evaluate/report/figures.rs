@@ -40,6 +40,18 @@ pub struct Figures {
     pub collisions: Option<CollisionFigures>,
     /// Algorithm 1 alone; none where the model has no regressors or no target can be followed.
     pub regressors: Option<RegressorFigures>,
+    /// What a user of the detector asks first.
+    #[serde(flatten)]
+    pub in_use: InUse,
+    /// Targets that the first method never found.
+    pub misses: Vec<Strip>,
+    /// Its surest false alarms.
+    pub false_alarms: Vec<Strip>,
+}
+
+/// Figures of the detector in use.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct InUse {
     /// Benchmark of the registration.
     pub registration: Option<RegistrationFigures>,
     /// Precision stated by the model against precision found.
@@ -48,10 +60,6 @@ pub struct Figures {
     pub without_target: Option<WithoutTarget>,
     /// Probability of a track over distance.
     pub ranges: Vec<SpanRanges>,
-    /// Targets that the first method never found.
-    pub misses: Vec<Strip>,
-    /// Its surest false alarms.
-    pub false_alarms: Vec<Strip>,
 }
 
 /// What was measured on; the first frames of each clip are left out.

@@ -3,6 +3,7 @@
 mod breakdown;
 mod collisions;
 mod curves;
+mod elements;
 mod figures;
 mod gallery;
 mod html;
@@ -12,12 +13,11 @@ mod plot;
 mod regressors;
 mod sections;
 
-pub use figures::{IOUS, LOOSE};
+pub use figures::{IOUS, InUse, LOOSE};
 pub use methods::{External, Seen, Watch, path_of, readable};
 
 use super::matching::{Found, WARMUP};
 use super::splits::{Splits, keep};
-use super::summary::Summary;
 use crate::model::Model;
 use crate::shell::error::Error;
 use crate::shell::evaluate::EvaluateError;
@@ -131,7 +131,7 @@ impl Plan {
     pub fn write(
         self,
         splits: &Splits,
-        summary: &Summary,
+        in_use: InUse,
         runs: Vec<(Vec<Found>, Seen)>,
         jobs: usize,
     ) -> Result<Ended, Error> {
@@ -172,10 +172,7 @@ impl Plan {
         let figures = Figures {
             lookout: env!("CARGO_PKG_VERSION"),
             data: splits.title(),
-            registration: summary.registration().cloned(),
-            reliability: summary.reliability().to_vec(),
-            without_target: summary.without_target().cloned(),
-            ranges: summary.ranges().to_vec(),
+            in_use,
             flights: figures::flights(ours, &truth),
             collisions: collisions::figures(&methods, &matches, &truth),
             regressors,

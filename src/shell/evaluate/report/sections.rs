@@ -1,8 +1,8 @@
 //! Sections of the page about use: what the model promises, what it reports where nothing flies, how far it sees, how well it
 //! registers.
 
+use super::elements::{figure, length, number, table};
 use super::figures::{Figures, IOUS, LOOSE};
-use super::html::{figure, number, table};
 use super::plot::{Axis, Line, plot};
 use crate::shell::evaluate::ranges::SpanRanges;
 use std::format;
@@ -12,8 +12,13 @@ use std::vec::Vec;
 
 /// All of them; those without figures are left out.
 pub fn page(figures: &Figures) -> String {
-    [reliability(figures), without_target(figures), ranges(&figures.ranges), registration(figures)]
-        .concat()
+    [
+        reliability(figures),
+        without_target(figures),
+        ranges(&figures.in_use.ranges),
+        registration(figures),
+    ]
+    .concat()
 }
 
 fn heads(names: &[&str]) -> Vec<String> {
@@ -32,7 +37,7 @@ fn with_interval(value: Option<f64>, low: Option<f64>, high: Option<f64>, digits
 }
 
 fn reliability(figures: &Figures) -> String {
-    if figures.reliability.is_empty() {
+    if figures.in_use.reliability.is_empty() {
         return String::new();
     }
     let row = |row: &crate::shell::evaluate::reliability::Row| {
@@ -45,7 +50,7 @@ fn reliability(figures: &Figures) -> String {
             number(row.recall, 3),
         ]
     };
-    let points = figures.reliability.iter().filter_map(|row| {
+    let points = figures.in_use.reliability.iter().filter_map(|row| {
         let value = row.found.value?;
         let (low, high) = (row.found.low.unwrap_or(value), row.found.high.unwrap_or(value));
         Some(([row.stated, value], [row.stated, low, high]))
@@ -62,13 +67,13 @@ fn reliability(figures: &Figures) -> String {
          more is right (--min-precision). Found on these clips at IoU {}; the diagonal is what it promises.</p>\n{}\
          <div class=\"plots\">{}</div>\n",
         IOUS[LOOSE],
-        table(&heads(&names), 1, figures.reliability.iter().map(row)),
+        table(&heads(&names), 1, figures.in_use.reliability.iter().map(row)),
         figure(&svg, "Precision stated and found"),
     )
 }
 
 fn without_target(figures: &Figures) -> String {
-    let Some(quiet) = &figures.without_target else { return String::new() };
+    let Some(quiet) = &figures.in_use.without_target else { return String::new() };
     let rows = quiet.rows().into_iter().map(|(name, rate)| {
         let interval = with_interval(rate.per_hour, rate.low, rate.high, 1);
         vec![name, rate.events.to_string(), interval]
@@ -80,7 +85,7 @@ fn without_target(figures: &Figures) -> String {
         "<h2>False reports where nothing flies</h2>\n<p class=\"note\">{} clips, {}.{score} Intervals: 95 %, Poisson; too narrow \
          for detections, of which one object gives many.</p>\n{}",
         quiet.clips,
-        super::html::length(quiet.hours),
+        length(quiet.hours),
         table(&heads(&["Event", "Events", "An hour"]), 1, rows),
     )
 }
@@ -122,7 +127,7 @@ fn ranges(groups: &[SpanRanges]) -> String {
 }
 
 fn registration(figures: &Figures) -> String {
-    let Some(registration) = figures.registration.filter(|r| r.frames > 0) else {
+    let Some(registration) = figures.in_use.registration.filter(|r| r.frames > 0) else {
         return String::new();
     };
     let row = vec![

@@ -1,6 +1,6 @@
 //! The trials on the page.
 
-use super::super::html::{escape, figure, number, table};
+use super::super::elements::{escape, figure, number, table};
 use super::super::plot::{self, Axis, Line, plot};
 use super::figures::{Breakdown, RegressorFigures, Spread};
 use super::trials::WAYS;
