@@ -111,7 +111,10 @@ fn paths(text: &str, before: &[String], found: &mut Vec<Module>) {
 
 /// Whether a word begins at byte `at`.
 fn begins_word(text: &str, at: usize) -> bool {
-    !text[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_' || c == ':')
+    // `pub(in crate::shell)` says who may see an item; it imports nothing.
+    let before = &text[..at];
+    !before.ends_with(|c: char| c.is_alphanumeric() || c == '_' || c == ':')
+        && !before.ends_with("(in ")
 }
 
 /// Absolute paths that a file of `module` names by `crate::`, `super::` and `self::`.
