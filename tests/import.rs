@@ -142,8 +142,8 @@ fn coco_and_its_videos() {
     assert_eq!(
         boxes(&clips[1]),
         [
-            (1, 2, [3.0, 4.0, 5.0, 6.0], Class::Bird, 0.0),
-            (2, 1, [1.5, 2.0, 10.0, 9.0], Class::Drone, 1.0)
+            (1, 1, [3.0, 4.0, 5.0, 6.0], Class::Bird, 0.0),
+            (2, 2, [1.5, 2.0, 10.0, 9.0], Class::Drone, 1.0)
         ]
     );
     write(

@@ -34,8 +34,10 @@ pub struct Facts {
 impl Facts {
     /// Takes a rate measured on the frames where no file gives one.
     pub fn measured(&mut self, rate: Option<f64>) {
-        if let Some(rate) = rate.filter(|_| !self.rate_given) {
-            self.rate = rate;
+        if let Some(rate) = rate.filter(|rate| !self.rate_given && *rate > 0.0) {
+            // Times of frames are whole microseconds.
+            let whole = rate.round();
+            self.rate = if (rate / whole - 1.0).abs() < 1e-4 { whole } else { rate };
         }
     }
 }

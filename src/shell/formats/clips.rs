@@ -133,8 +133,8 @@ pub fn find(folder: &Path) -> Result<Vec<Result<Clip, BrokenClip>>, ClipsError> 
 pub fn clip(directory: &Path) -> Result<Clip, ClipsError> {
     let labels = labels(directory).unwrap_or_else(|| directory.join("gt.txt"));
     let info = SeqInfo::beside(directory)?;
-    let named = info.directory.as_ref().map(|name| directory.join(name));
-    let named = named.filter(|path| path.is_dir());
+    let named = directory.join(info.directory.as_deref().unwrap_or("img1"));
+    let named = Some(named).filter(|path| path.is_dir());
     let input = match named {
         Some(pictures) => pictures,
         None => {

@@ -217,7 +217,7 @@ impl GroundTruth {
 
     /// The text of a `gt.txt`, one line a box; pixels with up to four decimals.
     pub fn to_text(&self) -> String {
-        let round = |v: f64| (v * 1e4).round() / 1e4;
+        let round = |v: f64| if v.abs() < 1e9 { (v * 1e4).round() / 1e4 } else { v };
         let line = |(frame, t): (u64, &TruthBox)| {
             let [left, top, width, height] = [t.left, t.top, t.width, t.height].map(round);
             let (class, visibility) = (t.class.number(), round(t.visibility));
