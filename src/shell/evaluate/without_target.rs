@@ -14,6 +14,9 @@ use std::string::String;
 use std::vec;
 use std::vec::Vec;
 
+/// Events of one kind in a track.
+type Count = fn(&TrackResult) -> u64;
+
 /// A clip as this needs it.
 #[derive(Debug, Clone, Copy)]
 pub struct QuietClip<'a> {
@@ -106,7 +109,7 @@ impl WithoutTarget {
                 })
                 .count() as u64
         };
-        let of_tracks = |of: fn(&TrackResult) -> u64| {
+        let of_tracks = |of: Count| {
             move |clip: &QuietClip<'_>, bird: bool| {
                 let tracks = clip.tracks.into_iter().flat_map(|tracks| &tracks.tracks);
                 tracks.filter(|track| track.is_bird() == bird).map(of).sum::<u64>()
@@ -114,7 +117,7 @@ impl WithoutTarget {
         };
         let mut events = vec![events("false detections", clips, hours, &detections)];
         if clips.iter().all(|clip| clip.tracks.is_some()) {
-            let kinds: [(&'static str, fn(&TrackResult) -> u64); 3] = [
+            let kinds: [(&'static str, Count); 3] = [
                 ("confirmed false tracks", |_| 1),
                 ("cautions", |track| track.cautions),
                 ("warnings", |track| track.warnings),
