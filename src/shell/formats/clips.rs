@@ -48,7 +48,8 @@ impl Clip {
     /// Number of frames where it is known without decoding them.
     pub fn frame_count(&self) -> Option<u64> {
         self.info.length.or_else(|| {
-            let pictures = self.input.is_dir().then(|| sources::Folder::new(&self.input).ok());
+            let pictures =
+                self.input.is_dir().then(|| sources::Folder::new(&self.input, None).ok());
             pictures.flatten().and_then(|folder| folder.frame_count())
         })
     }

@@ -43,18 +43,15 @@ impl Drop for Video {
 
 impl Colours {
     /// Those of what the user names; grey where there are none.
-    pub fn open(input: Option<&str>) -> Self {
-        let Some(input) = input.filter(|input| *input != "-" && !input.contains("://")) else {
-            return Self::Grey;
-        };
-        let path = Path::new(input);
-        let found = if path.is_dir() && Folder::new(path).is_err() {
+    pub fn open(input: Option<&Path>) -> Self {
+        let Some(path) = input.filter(|path| path.exists()) else { return Self::Grey };
+        let found = if path.is_dir() && Folder::new(path, None).is_err() {
             sources::clip_input(path).unwrap_or_else(|| path.into())
         } else {
             path.into()
         };
         if found.is_dir() {
-            let pictures = Folder::new(&found).map(|folder| folder.pictures().to_vec());
+            let pictures = Folder::new(&found, None).map(|folder| folder.pictures().to_vec());
             return pictures.map_or(Self::Grey, |pictures| Self::Folder(pictures.into_iter()));
         }
         Self::video(&found)
@@ -131,7 +128,7 @@ mod tests {
             picture.save(folder.path().join(std::format!("{n}.png"))).unwrap();
         }
         let input = folder.path().to_str().unwrap();
-        let mut colours = Colours::open(Some(input));
+        let mut colours = Colours::open(Some(Path::new(input)));
         let mut source = sources::open(input).unwrap();
         let (mut frame, mut picture) = (Frame::default(), Picture::default());
         for n in 0..3 {
@@ -141,12 +138,12 @@ mod tests {
             assert_eq!(picture.rgb.len(), 8 * 6 * 3);
         }
         // A frame that is another one: grey, and from there on.
-        let mut colours = Colours::open(Some(input));
+        let mut colours = Colours::open(Some(Path::new(input)));
         let dark = Frame { pixels: vec![3; 48], width: 8, height: 6, time_us: 0 };
         colours.next(&dark, &mut picture);
         assert_eq!(picture.rgb, [3; 144]);
         assert!(matches!(colours, Colours::Grey));
-        let mut none = Colours::open(Some("-"));
+        let mut none = Colours::open(Some(Path::new("-")));
         none.next(&frame, &mut picture);
         assert!(picture.rgb[0] == picture.rgb[1]);
     }
@@ -165,7 +162,7 @@ mod tests {
             return;
         }
         let input = path.to_str().unwrap();
-        let mut colours = Colours::open(Some(input));
+        let mut colours = Colours::open(Some(Path::new(input)));
         let mut source = sources::open(input).unwrap();
         let (mut frame, mut picture) = (Frame::default(), Picture::default());
         let mut frames = 0;
