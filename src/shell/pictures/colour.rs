@@ -12,7 +12,11 @@ use std::vec;
 
 /// Largest mean difference of brightness between the colour picture and the grey frame, grey levels.
 const SAME: f64 = 12.0;
-/// Every so manieth pixel is compared.
+/// Weights of red, green and blue in the brightness of a decoded picture (ITU-R BT.709, as the `image` crate has them).
+const OF_PICTURES: [f64; 3] = [0.2126, 0.7152, 0.0722];
+/// The same of a video's brightness (ITU-R BT.601).
+const OF_VIDEOS: [f64; 3] = [0.299, 0.587, 0.114];
+/// One pixel of this number is compared.
 const COMPARED: usize = 17;
 
 /// The frames of a source in colour.
@@ -81,11 +85,16 @@ impl Colours {
         (picture.width, picture.height) = (frame.width, frame.height);
         picture.rgb.resize(frame.pixels.len() * 3, 0);
         let read = match self {
-            Self::Grey => false,
-            Self::Folder(pictures) => pictures.next().is_some_and(|path| decode(&path, picture)),
-            Self::Video(video) => video.output.read_exact(&mut picture.rgb).is_ok(),
+            Self::Grey => None,
+            Self::Folder(pictures) => {
+                let decoded = pictures.next().is_some_and(|path| decode(&path, picture));
+                decoded.then_some(OF_PICTURES)
+            }
+            Self::Video(video) => {
+                video.output.read_exact(&mut picture.rgb).is_ok().then_some(OF_VIDEOS)
+            }
         };
-        if !read || !in_step(frame, &picture.rgb) {
+        if !read.is_some_and(|weights| in_step(frame, &picture.rgb, weights)) {
             *self = Self::Grey;
             picture.grey(frame);
         }
@@ -105,10 +114,10 @@ fn decode(path: &Path, picture: &mut Picture) -> bool {
 }
 
 /// Whether the brightness of the colours is that of the frame.
-fn in_step(frame: &Frame, rgb: &[u8]) -> bool {
+fn in_step(frame: &Frame, rgb: &[u8], [red, green, blue]: [f64; 3]) -> bool {
     let pairs = frame.pixels.iter().zip(rgb.as_chunks::<3>().0).step_by(COMPARED);
     let (sum, count) = pairs.fold((0.0, 0.0f64), |(sum, count), (&grey, &[r, g, b])| {
-        let bright = 0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b);
+        let bright = red * f64::from(r) + green * f64::from(g) + blue * f64::from(b);
         (sum + (bright - f64::from(grey)).abs(), count + 1.0)
     });
     sum <= SAME * count.max(1.0)

@@ -197,7 +197,13 @@ fn box_lines(frame: u64, truth: &FrameTruth) -> String {
     let line = |b: &crate::shell::formats::clips::TruthBox| {
         format!(
             "{frame},{},{},{},{},{},1,{},{:.1}\n",
-            b.id, b.left, b.top, b.width, b.height, b.class, b.visibility
+            b.id,
+            b.left,
+            b.top,
+            b.width,
+            b.height,
+            b.class.number(),
+            b.visibility
         )
     };
     truth.boxes.iter().map(line).collect()

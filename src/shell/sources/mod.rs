@@ -290,6 +290,9 @@ mod tests {
         let mut frame = Frame::default();
         assert!(open(&stream).unwrap().next_frame(&mut frame).unwrap());
         assert_eq!(frame.pixels, b"ab");
+        // A stream in a clip's folder is its video; without it the folder of pictures counts, and is empty.
+        assert!(open(folder.path()).is_ok());
+        std::fs::remove_file(&stream).unwrap();
         let error = open(folder.path()).err().unwrap().to_string();
         assert!(error.contains("frames: no PNG"), "{error}");
         let picture = image::GrayImage::new(3, 2);

@@ -157,7 +157,9 @@ fn lines(number: u64, fps: u32, truth: &FrameTruth, boxes: &mut String, truths: 
         let _ = writeln!(
             boxes,
             "{number},{},{left:.2},{top:.2},{width:.2},{height:.2},1,{},{:.1}",
-            b.id, b.class, b.visibility
+            b.id,
+            b.class.number(),
+            b.visibility
         );
     }
     let [yaw, pitch, roll] = truth.attitude;
