@@ -148,8 +148,9 @@ fn outputs_that_cannot_be_opened_are_tried_again() {
     );
     let service =
         Service::start(&text, |_, folder| fs::write(folder.join("way"), "a file").unwrap());
-    ground.wait_state(ACTIVE, 0);
+    // It is said at once, before the first frame was looked at.
     ground.wait_text("recording stopped");
+    ground.wait_state(ACTIVE, 0);
     for words in ["event log: ", "recording: ", "page: ", "/dev/full: not a regular file"] {
         service.wait_log(words);
     }
