@@ -49,7 +49,7 @@ impl Lens {
     }
 
     /// Where the direction (a unit vector, z along the axis) is seen, in focal lengths from the axis; at most
-    /// [`MAX_RATIO`] before distortion. `None` beyond the lens' view: 84 degrees from the axis, 140 of a fisheye.
+    /// `MAX_RATIO` before distortion. `None` beyond the lens' view: 84 degrees from the axis, 140 of a fisheye.
     pub fn project(&self, [x, y, z]: Vector) -> Option<[Real; 2]> {
         match self {
             Self::Polynomial(k) => {

@@ -67,7 +67,7 @@ struct DetectionRow {
 /// Writes `ground_truth.json` and `detections.json` into `folder`; `found` is by clip.
 ///
 /// # Errors
-/// [`Error::Write`].
+/// [`Error::Write`](crate::shell::support::file_error::FileError::Write).
 pub fn write(folder: &Path, clips: &[Clip], found: &[&[Found]]) -> Result<(), Error> {
     let (truth, detections) = rows(clips, found);
     fs::create_dir_all(folder).map_err(Error::write(folder))?;

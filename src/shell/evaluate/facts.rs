@@ -45,7 +45,7 @@ impl Facts {
 /// Facts of `clips` from their `camera.json` and from the table beside the folder `data`, where these exist.
 ///
 /// # Errors
-/// [`FileError::Read`], or [`FormatError::Line`] naming file and line.
+/// [`FileError::Read`](crate::shell::support::file_error::FileError::Read), or [`FormatError::Line`] naming file and line.
 pub fn read(data: &Path, clips: &[Clip]) -> Result<Vec<Facts>, Error> {
     let table = table_path(data);
     let rows = match &table {

@@ -162,7 +162,7 @@ pub struct ScoreArgs {
 /// Runs the detector on every clip and prints the figures.
 ///
 /// # Errors
-/// [`Error`] where nothing can be measured or a file cannot be written; [`Error::BrokenClips`] after everything else
+/// [`Error`] where nothing can be measured or a file cannot be written; [`Error::BrokenClips`](crate::shell::evaluate::EvaluateError::BrokenClips) after everything else
 /// where clips had to be left out. The files of complete clips stay.
 pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
     let runs = runs(args, args.report.wanted())?;
@@ -318,7 +318,7 @@ fn runs(args: &EvalArgs, report: bool) -> Result<Vec<Run>, Error> {
 /// Prints the figures of detections in files.
 ///
 /// # Errors
-/// [`Error`] naming the file and the line; [`Error::NoDetections`] where no clip has a file.
+/// [`Error`] naming the file and the line; [`Error::NoDetections`](crate::shell::evaluate::EvaluateError::NoDetections) where no clip has a file.
 pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     report::readable(&args.detections)?;
     let mut splits = Splits::read(&args.split.data, &args.split.clips)?;

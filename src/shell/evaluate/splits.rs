@@ -112,7 +112,7 @@ impl Splits {
     /// Lists the clips that took no part on standard error.
     ///
     /// # Errors
-    /// [`Error::BrokenClips`] when there is one.
+    /// [`Error::BrokenClips`](crate::shell::evaluate::EvaluateError::BrokenClips) when there is one.
     pub fn complain(&self) -> Result<(), Error> {
         for Broken { clip, reason } in &self.broken {
             eprintln!("lookout: {clip} left out: {}", reason.replace(['\r', '\n'], " "));

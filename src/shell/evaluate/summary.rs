@@ -210,7 +210,7 @@ impl Summary {
     /// Prints it.
     ///
     /// # Errors
-    /// [`Error::Write`].
+    /// [`Error::Write`](crate::shell::support::file_error::FileError::Write).
     pub fn print(&self, parts: Parts<'_>, json: bool) -> Result<(), Error> {
         if json {
             let text = serde_json::to_string(self).expect("numbers and names always make JSON");

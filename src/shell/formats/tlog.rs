@@ -6,7 +6,7 @@
 //!
 //! A log may be damaged: a cut end, holes, other bytes between. A record counts where a checksum holds, in search of
 //! the next one every byte is tried. Times in another byte order or unit are refused; a clock that was set while the log
-//! was written is the matter of [`super::timeline`].
+//! was written is the matter of `timeline`.
 
 use crate::mavlink::dialect::{Frames, MavMessage};
 use mavlink_core::consts::{self, MAX_FRAME_SIZE};

@@ -98,7 +98,7 @@ impl Config {
     /// Reads and checks a file.
     ///
     /// # Errors
-    /// [`FileError::Read`]; [`FormatError::Line`] naming line and key.
+    /// [`FileError::Read`](crate::shell::support::file_error::FileError::Read); [`FormatError::Line`] naming line and key.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = bounded_file::read_text(path).map_err(Error::read(path))?;
         Self::parse(path, &text)

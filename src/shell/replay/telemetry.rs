@@ -67,7 +67,7 @@ impl TelemetryArgs {
     /// The parameters to begin with.
     ///
     /// # Errors
-    /// [`FileError::Read`].
+    /// [`FileError::Read`](crate::shell::support::file_error::FileError::Read).
     pub fn parameters(&self) -> Result<Parameters, Error> {
         match &self.parameters {
             Some(path) => params::load(path).map_err(Error::read(path)),
@@ -84,7 +84,7 @@ fn parse_start(text: &str) -> Result<f64, &'static str> {
 /// Signatures with the key in the file `key`; the signing times are kept in `time`, by default `key`.time.
 ///
 /// # Errors
-/// [`FileError::Read`].
+/// [`FileError::Read`](crate::shell::support::file_error::FileError::Read).
 pub fn signing_with(key: &Path, time: Option<&Path>) -> Result<Signing, Error> {
     let bytes = signing::read_key(key).map_err(Error::read(key))?;
     let mut beside = key.to_path_buf().into_os_string();
@@ -136,7 +136,7 @@ impl Telemetry {
     /// Opens what `args` name; `simulated` is the telemetry of a simulated flight.
     ///
     /// # Errors
-    /// [`Error::Tlog`], [`FileError::Write`].
+    /// [`Error::Tlog`], [`FileError::Write`](crate::shell::support::file_error::FileError::Write).
     pub fn open(
         args: &TelemetryArgs,
         simulated: Option<simulate::Telemetry>,
@@ -179,7 +179,7 @@ impl Telemetry {
     /// Lets time go on to `to_us`, with all that is heard and said until then.
     ///
     /// # Errors
-    /// [`Error::Tlog`], [`FileError::Write`].
+    /// [`Error::Tlog`], [`FileError::Write`](crate::shell::support::file_error::FileError::Write).
     pub fn advance(&mut self, onboard: &mut Onboard, to_us: i64) -> Result<(), Error> {
         while self.now_us < to_us {
             self.now_us = (self.now_us + TICK_US).min(to_us);
@@ -242,7 +242,7 @@ impl Telemetry {
     /// Completes the log.
     ///
     /// # Errors
-    /// [`FileError::Write`].
+    /// [`FileError::Write`](crate::shell::support::file_error::FileError::Write).
     pub fn finish(mut self) -> Result<(), Error> {
         match &mut self.log {
             Some((path, log)) => log.flush().map_err(Error::write(path)),

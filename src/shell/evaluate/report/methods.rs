@@ -65,7 +65,7 @@ impl Method {
     /// Reads CLIP.txt of every clip; a clip without a file has no detections.
     ///
     /// # Errors
-    /// [`Error::Read`] when the folder is missing or holds nothing for these clips, [`Error::Text`] naming file and line.
+    /// [`Error::Read`](crate::shell::support::file_error::FileError::Read) when the folder is missing or holds nothing for these clips, [`Error::Text`] naming file and line.
     pub fn read(external: &External, clips: &[Clip]) -> Result<Self, Error> {
         let folder = &external.folder;
         readable(folder)?;
@@ -86,7 +86,7 @@ impl Method {
 /// Whether `folder` is a folder that can be read.
 ///
 /// # Errors
-/// [`Error::Read`].
+/// [`Error::Read`](crate::shell::support::file_error::FileError::Read).
 pub fn readable(folder: &Path) -> Result<(), Error> {
     fs::read_dir(folder).map(|_| ()).map_err(Error::read(folder))
 }
