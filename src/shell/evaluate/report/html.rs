@@ -27,14 +27,22 @@ pub fn page(figures: &Figures) -> String {
         regressors::section(figures.regressors.as_ref()),
         gallery(figures),
         method(figures),
-    ];
+    ]
+    .concat();
+    // Few clips have no intervals.
+    let small = match sections.contains("<small>") {
+        true => format!(
+            "<p class=\"note\">Small: {:.0} % confidence interval.</p>\n",
+            figures.bootstrap.level * 100.0
+        ),
+        false => String::new(),
+    };
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
          <meta name=\"viewport\" content=\"width=device-width\">\
-         <title>Lookout: {data}</title><style>{}</style></head>\n<body>{}{}</body></html>\n",
+         <title>Lookout: {data}</title><style>{}</style></head>\n<body>{}{small}{sections}</body></html>\n",
         include_str!("style.css"),
         head(figures),
-        sections.concat(),
         data = escape(&figures.data),
     )
 }
@@ -102,13 +110,8 @@ fn precision(figures: &Figures) -> String {
         figure(&svg, &format!("Precision and recall, IoU {}", IOUS[i]))
     });
     let table = table(&heads, 1, figures.methods.iter().map(row));
-    // Few clips have no intervals.
-    let small = match table.contains("<small>") {
-        true => format!("Small: {:.0} % confidence interval. ", figures.bootstrap.level * 100.0),
-        false => String::new(),
-    };
     format!(
-        "<h2>Average precision</h2>\n{table}<p class=\"note\">{small}Time: in this run, other clips at \
+        "<h2>Average precision</h2>\n{table}<p class=\"note\">Time: in this run, other clips at \
          the same time; \u{201c}\u{2013}\u{201d}: not known.</p>\n<div class=\"plots\">{}</div>\n",
         curves.collect::<String>(),
     )
