@@ -57,7 +57,7 @@ impl Lanes {
             #[cfg(all(feature = "simd", target_arch = "x86_64"))]
             (Self::Sse41, std::arch::is_x86_feature_detected!("sse4.1")),
             #[cfg(all(feature = "simd", target_arch = "aarch64"))]
-            (Self::Neon, std::arch::is_aarch64_feature_detected!("neon")),
+            (Self::Neon, std::arch::is_aarch64_feature_detected!("crc")),
             (Self::Scalar, true),
         ];
         all.into_iter().filter_map(|(lanes, available)| available.then_some(lanes))
@@ -339,11 +339,14 @@ fn in_avx2(cascade: &Cascade<'_>, windows: &Windows<'_>, survivors: Survivors<'_
     }
 }
 
+/// NEON is part of every AArch64 target, for which `multiversion` makes no clone with features of its own, and without one
+/// the intrinsics are not to be called without `unsafe`. CRC instructions, which every processor of a companion board has
+/// (all from ARMv8.1 on, Cortex-A53 and A72 before), make it one.
 #[cfg(all(feature = "simd", target_arch = "aarch64"))]
-#[multiversion::multiversion(targets("aarch64+neon"))]
+#[multiversion::multiversion(targets("aarch64+neon+crc"))]
 fn in_neon(cascade: &Cascade<'_>, windows: &Windows<'_>, survivors: Survivors<'_>) {
     multiversion::target::match_target! {
-        "aarch64+neon" => neon::rows(cascade, windows, survivors),
+        "aarch64+neon+crc" => neon::rows(cascade, windows, survivors),
         _ => scalar(cascade, windows, survivors),
     }
 }
