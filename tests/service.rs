@@ -38,7 +38,6 @@ fn settings_are_refused_by_name_and_line() {
         ("source = 'simulate:hover'\n\n[camera]\nrate = 0\n", "line 4: camera.rate: expected"),
         ("source = 'file:/nowhere'\n", "/nowhere: cannot open"),
         ("source = 'simulate:hover'\nmodel = '/nowhere'\n", "/nowhere: cannot read"),
-        ("source = 'simulate:hover'\nevent_log = '/proc/nowhere'\n", "/proc/nowhere: cannot write"),
         ("source = 'v4l2:/dev/video9'\ncamera.calibration = '/nowhere.yaml'\n", "/nowhere.yaml: "),
         ("source = 'simulate:hover'\npreview = '0.0.0.0:0'\n", "line 2: preview: others can reach"),
     ] {

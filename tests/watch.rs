@@ -233,13 +233,19 @@ fn time_and_attitude_that_jump_leave_nothing_stale() {
         watch.update(&found, time_us, &motion, &attitudes).to_vec()
     };
     for frame in 0..170 {
-        // Attitudes are missing for a while: the picture carries on, and the track with it.
-        let known = !(60..90).contains(&frame);
+        // Attitudes are missing for a while: the picture carries on, and the track with it; the world for a second.
+        let known = !(60..100).contains(&frame);
         let traffic = step(frame, frame as i64 * FRAME_US, known);
         assert_eq!(traffic.len(), 1, "frame {frame}");
         assert_eq!(traffic[0].id, 1, "frame {frame}");
-        if frame == 80 {
-            assert_eq!(traffic[0].ned, None);
+        assert_eq!(traffic[0].ned.is_some(), !(90..100).contains(&frame), "frame {frame}");
+        if let Some(ned) = traffic[0].ned {
+            let place = COLLISION.place(frame as f64 / 30.0);
+            let range = place.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let off = [num(ned.x), num(ned.y), num(ned.z)];
+            let off =
+                off.iter().zip(place).map(|(a, b)| (a - b / range).powi(2)).sum::<f64>().sqrt();
+            assert!(off < 0.01, "frame {frame}: {off} rad");
         }
         if frame == 169 {
             assert_eq!(traffic[0].level, Level::Warning);
@@ -249,6 +255,37 @@ fn time_and_attitude_that_jump_leave_nothing_stale() {
     for (frame, time_us) in [(170, -1_000_000_000), (171, 1_000_000_000_000)] {
         let traffic = step(frame, time_us, true);
         assert!(traffic.iter().all(|t| !t.confirmed && t.level == Level::None));
+    }
+    // Between attitudes the clock jumps: no direction in the world outlives it.
+    let world = |traffic: Vec<Traffic>| traffic[0].ned.is_some();
+    let mut time_us = 1_000_000_000_000;
+    for (frame, ahead_us, known) in
+        [(172, 100_000, true), (173, 66_666, true), (174, 5_000_000, false), (175, -100_000, false)]
+    {
+        time_us += ahead_us;
+        assert_eq!(world(step(frame, time_us, known && frame == 172)), known, "frame {frame}");
+    }
+}
+
+#[test]
+fn attitudes_that_were_forgotten_carry_nothing_on() {
+    let mut watch = Watch::new(Settings::default(), camera());
+    let mut attitudes = Attitudes::new();
+    for frame in 0..60 {
+        let time = frame as f64 / 30.0;
+        let time_us = frame as i64 * FRAME_US;
+        match frame {
+            0..30 => attitudes.push(time_us, attitude(time)),
+            // Another autopilot, or the same one after a restart.
+            40 => attitudes.clear(),
+            // Its first attitude is ahead of the frame.
+            45 => attitudes.push(time_us + 2 * FRAME_US, attitude(time + 2.0 / 30.0)),
+            _ => {}
+        }
+        let motion = background(time, 1.0 / 30.0);
+        let traffic = watch.update(&[HOVER.detection(frame)], time_us, &motion, &attitudes);
+        assert_eq!(traffic[0].id, 1, "frame {frame}");
+        assert_eq!(traffic[0].ned.is_some(), !(40..47).contains(&frame), "frame {frame}");
     }
 }
 

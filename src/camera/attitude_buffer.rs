@@ -103,6 +103,12 @@ impl Attitudes {
         (apart > GAP && nearest.0.saturating_abs() <= BEYOND).then_some(nearest)
     }
 
+    /// The time of the newest attitude that is not later than `time_us`.
+    pub fn last_before(&self, time_us: i64) -> Option<i64> {
+        let place = self.kept.partition_point(|(time, _)| *time <= time_us);
+        Some(self.kept[place.checked_sub(1)?].0)
+    }
+
     /// Forgets all, for another clock.
     pub fn clear(&mut self) {
         self.kept.clear();
@@ -135,6 +141,11 @@ mod tests {
         assert!(close(attitudes.at(250_000), 0.025));
         assert_eq!(attitudes.at(270_000), None);
         assert_eq!(attitudes.at(-1), None);
+        for (time, before) in
+            [(-1, None), (0, Some(0)), (99_999, Some(50_000)), (270_000, Some(200_000))]
+        {
+            assert_eq!(attitudes.last_before(time), before, "{time}");
+        }
         // A gap.
         attitudes.push(600_000, yaw(1.0));
         assert_eq!(attitudes.at(400_000), None);

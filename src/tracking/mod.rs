@@ -86,7 +86,7 @@ impl Watch {
         &self.camera
     }
 
-    /// Detections that would have started a track if there had been room, in all.
+    /// Objects that there was no room for, in all: detections that started no track, and tracks given up for surer ones.
     pub fn dropped(&self) -> u32 {
         self.tracker.dropped()
     }
@@ -101,6 +101,7 @@ impl Watch {
     pub fn clear(&mut self) {
         self.tracker.clear();
         self.frames.clear();
+        self.source = Source::Image;
     }
 
     /// The objects followed after the detections of a frame taken at `time_us`, surest and oldest first.
@@ -117,19 +118,25 @@ impl Watch {
     ) -> heapless::Vec<Traffic, MAX_TRAFFIC> {
         let last = self.frames.first().copied();
         let step = last.map_or(0, |(time, _)| time_us.saturating_sub(time));
-        if last.is_some() && !(1..=GAP).contains(&step) {
+        let goes_on = last.is_some() && (1..=GAP).contains(&step);
+        if last.is_some() && !goes_on {
             self.clear();
         }
         let dt = seconds(step);
         let turn = background.is_valid().then(|| rotation(&self.camera, background)).flatten();
         let vehicle = match (attitudes.isolated(time_us), turn) {
             // Turned on from its own time to the frame's as the picture turns.
-            (Some((age, attitude)), Some(turn)) if dt > ZERO => {
+            (Some((age, attitude)), Some(turn)) if goes_on => {
                 let part = Real::from_num(age) / 1_000_000 / dt.max(ratio(1, 200));
                 Some(attitude.after(Attitude::from_small(turn.map(|angle| angle * part))))
             }
             _ => attitudes.at(time_us),
         };
+        // Attitudes that were forgotten, as those of another autopilot, carry nothing on.
+        let recent = |time: i64| time_us.saturating_sub(time) <= BRIDGE;
+        if !attitudes.last_before(time_us).is_some_and(recent) {
+            self.source = Source::Image;
+        }
         let (attitude, error) = self.attitude(vehicle, turn, time_us, dt);
         let before = self.frames.iter().take(SHIFTS);
         let before = before.map(|(time, attitude)| (seconds(time_us - time), *attitude)).collect();

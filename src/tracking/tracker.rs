@@ -278,7 +278,7 @@ impl Tracker {
         &self.tracks
     }
 
-    /// Detections that found no room for a track, in all.
+    /// Objects that there was no room for, in all: detections that started no track, and tracks given up for surer ones.
     pub fn dropped(&self) -> u32 {
         self.dropped
     }
@@ -408,12 +408,11 @@ impl Tracker {
         if self.tracks.is_full() {
             let worst = self.tracks.iter().enumerate().filter(|(_, t)| !t.confirmed);
             let worst = worst.min_by_key(|(_, t)| t.score).map(|(i, t)| (i, t.score));
+            // One of the two finds no room, whichever it is.
+            self.dropped = self.dropped.saturating_add(1);
             match worst {
                 Some((i, least)) if least < score => drop(self.tracks.remove(i)),
-                _ => {
-                    self.dropped = self.dropped.saturating_add(1);
-                    return;
-                }
+                _ => return,
             }
         }
         let id = self.next_id();

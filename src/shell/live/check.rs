@@ -81,8 +81,9 @@ pub fn faults(config: &Config) -> Vec<Fault> {
         add("signing_key", false, signing::read_key(path).map(drop).map_err(|e| named(path, e)));
     }
     if let Some(path) = &config.parameters {
+        // The defaults do, and what cannot be written is tried again.
         let read = params::load(path).map(drop).map_err(|e| named(path, e));
-        add("parameters", false, read.and_then(|()| parent(path)));
+        add("parameters", true, read.and_then(|()| parent(path)));
     }
     if config.model.is_some() {
         let model = ModelFile::load(config.model.as_deref());
@@ -157,7 +158,7 @@ mod tests {
                 ("source", true),
                 ("links", true),
                 ("signing_key", false),
-                ("parameters", false),
+                ("parameters", true),
                 ("model", false),
                 ("event_log", true),
                 ("record", false),
