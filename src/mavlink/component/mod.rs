@@ -196,7 +196,7 @@ const OUTBOX: usize = 4 * MAX_TRAFFIC;
 
 /// Answers that wait to be taken, and how many of them may be for one link: a flood over one link leaves room for the
 /// others.
-const ANSWERS: usize = 64;
+const ANSWERS: usize = if cfg!(feature = "std") { 64 } else { ANSWERS_PER_LINK };
 const ANSWERS_PER_LINK: usize = 24;
 
 /// Events that wait to be taken.
