@@ -53,6 +53,13 @@ pub struct TruthBox {
 }
 
 impl TruthBox {
+    /// Its line of `gt.txt` in frame `frame` (from 1), with a line feed; [`super::clips::GroundTruth::parse`] reads it.
+    pub fn line(&self, frame: u64) -> String {
+        let Self { id, left, top, width, height, class, visibility } = self;
+        let class = class.number();
+        format!("{frame},{id},{left},{top},{width},{height},1,{class},{visibility:.1}\n")
+    }
+
     /// Whether it is a target to learn or to find: no bird, seen whole, and at least `min_side` pixels on the longer side.
     pub fn is_target(&self, min_side: f64) -> bool {
         self.class != Class::Bird && self.visibility >= 1.0 && self.longer_side() >= min_side

@@ -194,19 +194,7 @@ fn camera_file(flight: &Flight<'_>, settings: &Settings) -> String {
 
 /// The lines of `gt.txt`.
 fn box_lines(frame: u64, truth: &FrameTruth) -> String {
-    let line = |b: &crate::shell::formats::clips::TruthBox| {
-        format!(
-            "{frame},{},{},{},{},{},1,{},{:.1}\n",
-            b.id,
-            b.left,
-            b.top,
-            b.width,
-            b.height,
-            b.class.number(),
-            b.visibility
-        )
-    };
-    truth.boxes.iter().map(line).collect()
+    truth.boxes.iter().map(|seen| seen.line(frame)).collect()
 }
 
 /// The lines of `truth.csv`: one for each target, one without any.

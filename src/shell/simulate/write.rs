@@ -88,18 +88,7 @@ fn telemetry(settings: &SimulateSettings) -> Vec<u8> {
 /// The line of `gt.txt`; empty when nothing is seen.
 fn box_line(frame: u64, truth: &Truth) -> String {
     let seen = truth.target.and_then(|target| target.seen);
-    seen.map_or_else(String::new, |seen| {
-        format!(
-            "{frame},{},{},{},{},{},1,{},{:.1}\n",
-            seen.id,
-            seen.left,
-            seen.top,
-            seen.width,
-            seen.height,
-            seen.class.number(),
-            seen.visibility
-        )
-    })
+    seen.map_or_else(String::new, |seen| seen.line(frame))
 }
 
 /// The line of `truth.csv`.
