@@ -51,8 +51,8 @@ impl Mover {
         let from_above = scene.kind == PictureKind::Nadir;
         let seconds = settings.frames as f64 / f64::from(settings.fps);
         let time = seconds * random.within(0.1, 0.9);
-        // Most on the ground; a few anywhere, as dirt and reflections are.
-        let anywhere = random.chance(0.2);
+        // On the ground; a few anywhere, as dirt and reflections are.
+        let anywhere = random.chance(0.04);
         let mut place = [0.0; 2];
         let mut relief = 0.0;
         for _ in 0..20 {
@@ -63,6 +63,9 @@ impl Mover {
             if from_above || anywhere || relief > 0.0 {
                 break;
             }
+        }
+        if !(from_above || anywhere || relief > 0.0) {
+            return None;
         }
         let pixels = by_ratio(random, settings.scene.mover_pixels);
         let kind = weighted(random, &[0.35, 0.2, 0.15, 0.08, 0.08, 0.08, 0.06]);
