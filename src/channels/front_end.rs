@@ -1,7 +1,7 @@
-//! The front end: from frames to the pictures of all levels, for the last frames (level 6).
+//! The front end: from frames to the pyramids of grey and difference images that scan and st-cubes read.
 //!
-//! Keeps what [`History`] says of the last frames, measures the background's motion between them, takes the differences
-//! that remain to older frames, and fills the pictures that the scan and the st-cubes read.
+//! It keeps the last frames ([`History`] says how many, at which size), measures the background's motion between them,
+//! takes the temporal differences that remain after that motion is removed, and fills the levels of the scale space.
 
 use crate::channels::history::{FARTHEST, History, Ring};
 use crate::channels::method::Method;
@@ -13,8 +13,8 @@ use crate::image::pyramid;
 use crate::registration::warp;
 use crate::registration::{self, LEVELS, Motion};
 
-/// Frames before a frame that its channels depend on, at most; with those of the oldest slice of a cube
-/// [`SLICES`] - 1 more.
+/// Longest temporal lag of any channel, in frames. A st-cube depends on [`SLICES`] - 1 frames more, those of its oldest
+/// slice.
 pub const REACH: usize = FARTHEST;
 
 /// Channels of one level of the last frames, of which the slices of a st-cube are cut.
@@ -30,9 +30,182 @@ pub struct Slices<'a> {
     pub scale: u32,
 }
 
-/// Frames in, channels out. Its memory is the caller's and passed to each call.
+/// Why a front end cannot be made, or cannot take a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Error {
+    /// The memory has fewer bytes than [`FrontEnd::bytes_len`].
+    BufferTooSmall {
+        /// Bytes needed.
+        needed: usize,
+    },
+    /// A frame has another size than the levels are laid out for.
+    FrameSize {
+        /// Width of the frame in pixels.
+        width: usize,
+        /// Height of the frame in pixels.
+        height: usize,
+    },
+}
+
+impl core::fmt::Display for Error {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::BufferTooSmall { needed } => write!(f, "the front end needs {needed} bytes"),
+            Self::FrameSize { width, height } => {
+                write!(f, "the frame is {width}x{height}, the front end was made for another size")
+            }
+        }
+    }
+}
+
+impl core::error::Error for Error {}
+
+/// Frames in, channels out. Owns its memory while it lives.
+///
+/// Every frame is passed to [`FrontEnd::process`], or to [`FrontEnd::skip`] if its channels are not needed; any order of
+/// the two is valid.
+///
+/// ```
+/// use lookout::channels::front_end::FrontEnd;
+/// use lookout::channels::method::Method;
+/// use lookout::channels::scale_space::Geometry;
+/// use lookout::image::Image;
+///
+/// let method = Method::of_header(include_bytes!("../../models/lookout.lkm")).unwrap();
+/// // Targets of 10 to 100 pixels, two levels an octave.
+/// let geometry = Geometry::new(96, 80, 10, 100, 2, method.history);
+/// let mut memory = vec![0; FrontEnd::bytes_len(&geometry, 0)];
+/// let mut front_end = FrontEnd::new(geometry, method, &mut memory)?;
+///
+/// let grey = [90; 96 * 80];
+/// let (channels, _free) = front_end.process(Image::packed(&grey, 96, 80)?, &mut || {})?;
+/// let finest = channels.pyramid.level(0);
+/// assert_eq!(finest.newest.slice.grey.row(7)[..3], [90; 3]);
+/// // A uniform picture has no corners to measure a motion by.
+/// assert!(!channels.registered());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug)]
+pub struct FrontEnd<'b> {
+    state: State,
+    memory: &'b mut [u8],
+}
+
+impl<'b> FrontEnd<'b> {
+    /// A front end for the levels of `geometry` that has seen no frame.
+    ///
+    /// # Errors
+    /// [`Error::BufferTooSmall`] if `memory` has fewer than [`FrontEnd::bytes_len`] bytes. Bytes beyond that are scratch
+    /// memory of [`FrontEnd::process`].
+    pub fn new(geometry: Geometry, method: Method, memory: &'b mut [u8]) -> Result<Self, Error> {
+        let needed = Self::bytes_len(&geometry, 0);
+        if memory.len() < needed {
+            return Err(Error::BufferTooSmall { needed });
+        }
+        Ok(Self { state: State::new(geometry, method), memory })
+    }
+
+    /// Bytes of memory, of which at least `scratch` are free between two frames.
+    pub const fn bytes_len(geometry: &Geometry, scratch: usize) -> usize {
+        let ((width, height), history) = (geometry.frame(), geometry.history());
+        // A warped frame is needed only while the scratch memory is not.
+        let warped = pixels(width, height, history.octave() as usize);
+        history.frames() * width * height
+            + history.halves() * pixels(width, height, 1)
+            + history.coarse() * coarse_len(width, height)
+            + geometry.bytes_len()
+            + if scratch > warped { scratch } else { warped }
+    }
+
+    /// Forgets all frames.
+    pub fn restart(&mut self) {
+        self.state.restart();
+    }
+
+    /// Whether a frame has the right size.
+    ///
+    /// # Errors
+    /// [`Error::FrameSize`] if not.
+    pub fn check(&self, frame: Image<'_>) -> Result<(), Error> {
+        let (width, height) = (frame.width(), frame.height());
+        if (width, height) == self.state.geometry.frame() {
+            Ok(())
+        } else {
+            Err(Error::FrameSize { width, height })
+        }
+    }
+
+    /// The channels of the next frame, and the memory that is free until the one after it. `registered` is called when
+    /// the background's motion is measured and the differences are taken, before the levels are filled.
+    ///
+    /// # Errors
+    /// [`Error::FrameSize`]; the frame is not taken then.
+    pub fn process<'a>(
+        &'a mut self,
+        frame: Image<'a>,
+        registered: &mut dyn FnMut(),
+    ) -> Result<(FrameChannels<'a>, &'a mut [u8]), Error> {
+        self.check(frame)?;
+        let Self { state, memory } = self;
+        state.take(frame, memory);
+        state.filled = (state.filled + 1).min(SLICES);
+        state.build(frame, memory, registered);
+        let (pyramid, scratch) = state.pyramid(frame, memory);
+        Ok((FrameChannels { pyramid, motions: &state.motions }, scratch))
+    }
+
+    /// Takes the next frame without computing its channels: later frames are compared with it, but it is no slice of
+    /// their st-cubes. The slices of the next frames are as if the history began after this one.
+    ///
+    /// # Errors
+    /// As [`FrontEnd::process`].
+    pub fn skip(&mut self, frame: Image<'_>) -> Result<(), Error> {
+        self.check(frame)?;
+        self.state.take(frame, self.memory);
+        self.state.filled = 0;
+        Ok(())
+    }
+
+    /// Gives the memory back.
+    pub fn release(self) -> &'b mut [u8] {
+        self.memory
+    }
+}
+
+/// Channels of the newest frame.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameChannels<'a> {
+    /// The levels of the newest frame and of the slices before it.
+    pub pyramid: Pyramid<'a>,
+    motions: &'a [Motion; FARTHEST],
+}
+
+impl<'a> FrameChannels<'a> {
+    /// Whether the background's motion since the frame before could be measured.
+    pub fn registered(&self) -> bool {
+        self.motion().is_valid()
+    }
+
+    /// The background's motion to the frame before; the identity where it could not be measured.
+    pub fn motion(&self) -> Motion {
+        self.motions[0]
+    }
+
+    /// The slices that st-cubes of a level are cut from.
+    pub fn slices(&self, level: &Pictures<'a>) -> Slices<'a> {
+        Slices {
+            slices: level.slices,
+            newest: level.newest,
+            motions: core::array::from_fn(|age| self.motions[age]),
+            scale: level.level.scale,
+        }
+    }
+}
+
+/// All of a front end but its memory: which frames are where in it. Its functions panic if the memory is shorter than
+/// [`FrontEnd::bytes_len`] or the frame has another size than the levels are laid out for.
 #[derive(Debug, Clone)]
-pub struct FrontEnd {
+struct State {
     width: usize,
     height: usize,
     method: Method,
@@ -41,6 +214,8 @@ pub struct FrontEnd {
     motions: [Motion; FARTHEST],
     /// Frames seen, at most one more than there are motions.
     seen: usize,
+    /// Frames in a row, up to the newest, of which the channels were computed; at most [`SLICES`].
+    filled: usize,
     frames: Ring,
     halves: Ring,
     coarse: Ring,
@@ -56,7 +231,7 @@ struct Divided<'a> {
     scratch: &'a mut [u8],
 }
 
-/// Pixels of a frame halved so many times.
+/// Pixels of a frame of `width` x `height` that is halved `octave` times.
 const fn pixels(width: usize, height: usize, octave: usize) -> usize {
     (width >> octave) * (height >> octave)
 }
@@ -66,10 +241,9 @@ const fn coarse_len(width: usize, height: usize) -> usize {
     pixels(width, height, 2) + pixels(width, height, 3)
 }
 
-impl FrontEnd {
-    /// For frames of `width` x `height` and the levels of `geometry`, which must be of the same size; no frame seen.
-    pub const fn new(width: usize, height: usize, geometry: Geometry, method: Method) -> Self {
-        let history = geometry.history();
+impl State {
+    const fn new(geometry: Geometry, method: Method) -> Self {
+        let ((width, height), history) = (geometry.frame(), geometry.history());
         Self {
             width,
             height,
@@ -77,28 +251,12 @@ impl FrontEnd {
             geometry,
             motions: [Motion::IDENTITY; FARTHEST],
             seen: 0,
+            filled: 0,
             frames: Ring::new(history.frames()),
             halves: Ring::new(history.halves()),
             coarse: Ring::new(history.coarse()),
             slots: Ring::new(history.slices()),
         }
-    }
-
-    /// Bytes of memory, of which `scratch` are free between the calls.
-    pub const fn bytes_len(
-        width: usize,
-        height: usize,
-        geometry: &Geometry,
-        scratch: usize,
-    ) -> usize {
-        let history = geometry.history();
-        // A warped frame is needed only while the scratch memory is not.
-        let warped = pixels(width, height, history.octave() as usize);
-        history.frames() * width * height
-            + history.halves() * pixels(width, height, 1)
-            + history.coarse() * coarse_len(width, height)
-            + geometry.bytes_len()
-            + if scratch > warped { scratch } else { warped }
     }
 
     fn divide<'a>(&self, bytes: &'a mut [u8]) -> Divided<'a> {
@@ -115,26 +273,19 @@ impl FrontEnd {
         age.min(self.seen.saturating_sub(1))
     }
 
-    /// Forgets the frames seen.
-    pub fn restart(&mut self) {
+    /// The age of the oldest slice, if `age` is older.
+    fn slice(&self, age: usize) -> usize {
+        age.min(self.filled.saturating_sub(1))
+    }
+
+    fn restart(&mut self) {
         self.motions = [Motion::IDENTITY; FARTHEST];
-        self.seen = 0;
+        (self.seen, self.filled) = (0, 0);
     }
 
-    /// Whether the background's motion to the frame before could be measured.
-    pub fn registered(&self) -> bool {
-        self.motions[0].is_valid()
-    }
-
-    /// The background's motion to the frame before.
-    pub fn motion(&self) -> Motion {
-        self.motions[0]
-    }
-
-    /// Takes in one frame and measures its motion. Panics if the frame has another size or the memory is not that of
-    /// the last call.
+    /// Keeps one frame and measures the background's motion to the one before.
     #[inline(never)]
-    pub fn take(&mut self, frame: Image<'_>, bytes: &mut [u8]) {
+    fn take(&mut self, frame: Image<'_>, bytes: &mut [u8]) {
         let (width, height) = (self.width, self.height);
         for ring in [&mut self.frames, &mut self.halves, &mut self.coarse, &mut self.slots] {
             ring.advance();
@@ -196,10 +347,10 @@ impl FrontEnd {
         [frame, half, quarter, eighth]
     }
 
-    /// Takes the differences of the frame just taken to older ones and fills the pictures of all levels; `observer`
-    /// hears when the differences are there. Panics as [`FrontEnd::take`].
+    /// Takes the differences of the frame just taken to older ones, calls `registered`, and fills the pictures of all
+    /// levels.
     #[inline(never)]
-    pub fn build(&self, frame: Image<'_>, bytes: &mut [u8], observer: &mut dyn FnMut()) {
+    fn build(&self, frame: Image<'_>, bytes: &mut [u8], registered: &mut dyn FnMut()) {
         let geometry = &self.geometry;
         let slot = self.slots.place(0);
         let Divided { frames, halves, coarse, levels, scratch } = self.divide(bytes);
@@ -236,46 +387,32 @@ impl FrontEnd {
                 }
             }
         }
-        observer();
+        registered();
         scale_space::build(geometry, levels, &self.halvings(frame, halves, coarse, 0), slot);
     }
 
     /// The levels of the frame just taken, and the memory that is free until the next one.
-    pub fn pyramid<'a>(
-        &'a self,
-        frame: Image<'a>,
-        bytes: &'a mut [u8],
-    ) -> (Pyramid<'a>, &'a mut [u8]) {
+    fn pyramid<'a>(&'a self, frame: Image<'a>, bytes: &'a mut [u8]) -> (Pyramid<'a>, &'a mut [u8]) {
         let Divided { frames, halves, coarse, levels, scratch } = self.divide(bytes);
         let (frames, halves, coarse): (&[u8], &[u8], &[u8]) = (frames, halves, coarse);
         let frame_of = |age: usize| match self.geometry.history() {
             History::Full => {
-                let age = self.seen(age);
+                let age = self.slice(age);
                 let whole = at(frames, self.width * self.height, self.frames.place(age));
                 self.halvings(picture(whole, self.width, self.height, 0), halves, coarse, age)
             }
             History::Half => self.halvings(frame, halves, coarse, 0),
         };
         let slots = match self.geometry.history() {
-            History::Full => core::array::from_fn(|age| self.slots.place(self.seen(age))),
+            History::Full => core::array::from_fn(|age| self.slots.place(self.slice(age))),
             History::Half => [0; SLICES],
         };
         let pyramid = Pyramid::new(&self.geometry, levels, core::array::from_fn(frame_of), slots);
         (pyramid, scratch)
     }
-
-    /// What the cubes of a level are cut from.
-    pub fn slices<'a>(&self, level: &Pictures<'a>) -> Slices<'a> {
-        Slices {
-            slices: level.slices,
-            newest: level.newest,
-            motions: core::array::from_fn(|age| self.motions[age]),
-            scale: level.level.scale,
-        }
-    }
 }
 
-/// Element `place` of a ring of pictures.
+/// Picture number `place` of a ring of pictures of `length` bytes each.
 fn at(ring: &[u8], length: usize, place: usize) -> &[u8] {
     &ring[place * length..][..length]
 }
@@ -285,7 +422,7 @@ fn place(ring: &mut [u8], length: usize, place: usize) -> &mut [u8] {
     &mut ring[place * length..][..length]
 }
 
-/// A frame of `width` x `height` halved so many times.
+/// The picture of a frame of `width` x `height` halved `octave` times.
 fn picture(pixels: &[u8], width: usize, height: usize, octave: usize) -> Image<'_> {
     Image::packed(pixels, width >> octave, height >> octave)
         .expect("the memory was divided for these pictures")

@@ -85,6 +85,8 @@ impl Level {
 /// The levels of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Geometry {
+    /// Width and height of the frames in pixels.
+    frame: (usize, usize),
     levels: [Level; MAX_LEVELS],
     count: usize,
     scales_per_octave: usize,
@@ -158,7 +160,12 @@ impl Geometry {
                 || target_q16 >= (min_target as u64) << 16;
             count += 1;
         }
-        Self { levels, count, scales_per_octave: per_octave, history }
+        Self { frame: (width, height), levels, count, scales_per_octave: per_octave, history }
+    }
+
+    /// Width and height of the frames in pixels.
+    pub const fn frame(&self) -> (usize, usize) {
+        self.frame
     }
 
     /// The levels, finest first.

@@ -1,8 +1,7 @@
 //! Second stage: the st-cube of a proposal is scored, and its box predicted and refined.
 
 use crate::boxes::Fit;
-use crate::channels::front_end::FrontEnd;
-use crate::channels::scale_space::Pyramid;
+use crate::channels::front_end::FrameChannels;
 use crate::channels::window::Position;
 use crate::channels::window::boxed;
 use crate::channels::window::{SLICES, WINDOW, centre};
@@ -59,10 +58,8 @@ pub struct CubeClassifier<'a> {
     pub trace: bool,
     /// Whether boxes are refined, where the model can.
     pub fit: bool,
-    /// The front end after the newest frame.
-    pub front: &'a FrontEnd,
-    /// The levels of the newest frame.
-    pub pyramid: Pyramid<'a>,
+    /// Channels of the newest frame.
+    pub channels: FrameChannels<'a>,
 }
 
 impl CubeClassifier<'_> {
@@ -91,7 +88,7 @@ impl CubeClassifier<'_> {
         let (mut sums, mut looks) = ([0i64; 4], 0u32);
         for step in REFINE_LEVELS {
             let Some(level) = level.checked_add_signed(step) else { continue };
-            if !self.pyramid.levels().get(level).is_some_and(|l| l.active) {
+            if !self.channels.pyramid.levels().get(level).is_some_and(|l| l.active) {
                 continue;
             }
             let again = self.reevaluate(&candidate, &centred.rect, level, cube);
@@ -106,7 +103,7 @@ impl CubeClassifier<'_> {
         let [x, y, width, height] =
             sums.map(|sum| I28F4::from_bits(sum.div_euclid(i64::from(looks.max(1))) as i32));
         let rect = Rect { x: x - width / 2, y: y - height / 2, width, height };
-        let rect = self.fit().map_or(rect, |fit| fit.fit(rect, &self.pyramid, cube));
+        let rect = self.fit().map_or(rect, |fit| fit.fit(rect, &self.channels.pyramid));
         let score = score.div_euclid(i64::from(looks) + 1) as i32;
         judged.detection = Detection { rect, score, ..centred };
         if self.trace && self.method.alignment != Alignment::Regressors {
@@ -122,9 +119,9 @@ impl CubeClassifier<'_> {
     /// Follows the object in a detection's box back through the slices by Algorithm 1: its shifts.
     fn trace(&self, detection: &mut Detection, cube: &mut Cube) {
         let Some(level) = self.level_of(&detection.rect) else { return };
-        let level = &self.pyramid.level(level);
+        let level = &self.channels.pyramid.level(level);
         let start = Position::centred(centre(&detection.rect), level.level.scale);
-        let slices = self.front.slices(level);
+        let slices = self.channels.slices(level);
         let path = compensation::compensate(&slices, Some(self.model.regressors()), start, cube);
         detection.shifts = shifts(&path, level.level.scale);
     }
@@ -136,7 +133,7 @@ impl CubeClassifier<'_> {
             // Ratio of the larger to the smaller length, Q8.
             i64::from(length.max(target)) * 256 / i64::from(length.min(target).max(1))
         };
-        let levels = self.pyramid.levels().iter().enumerate().filter(|(_, l)| l.active);
+        let levels = self.channels.pyramid.levels().iter().enumerate().filter(|(_, l)| l.active);
         levels.min_by_key(|(_, l)| distance(l.target_q4())).map(|(number, _)| number)
     }
 
@@ -148,7 +145,7 @@ impl CubeClassifier<'_> {
         level: usize,
         cube: &mut Cube,
     ) -> Detection {
-        let at = Position::centred(centre(rect), self.pyramid.levels()[level].scale);
+        let at = Position::centred(centre(rect), self.channels.pyramid.levels()[level].scale);
         let candidate = Candidate { level: level as u8, ..*candidate };
         let path = self.cut(&candidate, at, cube);
         let mut spans = Spans::EMPTY;
@@ -168,20 +165,22 @@ impl CubeClassifier<'_> {
     /// Cuts the cube of a candidate from the window at `start` of its level: Algorithm 1, and what is known beside the
     /// channels.
     pub fn cut(&self, candidate: &Candidate, start: Position, cube: &mut Cube) -> Path {
-        let level = &self.pyramid.level(usize::from(candidate.level));
+        let level = &self.channels.pyramid.level(usize::from(candidate.level));
         cube.scalars = [0; SCALARS];
         let score = candidate.score.saturating_add(32768).clamp(0, 65535) as u16;
         cube.set(Scalar::SCAN_SCORE, score);
         cube.set(Scalar::TARGET_LENGTH, (level.level.target_q4() >> 4) as u16);
-        cube.set(Scalar::REGISTERED, u16::from(self.front.registered()));
-        let slices = self.front.slices(level);
+        cube.set(Scalar::REGISTERED, u16::from(self.channels.registered()));
+        let slices = self.channels.slices(level);
         match self.method.alignment {
             Alignment::Background => compensation::compensate(&slices, None, start, cube),
             Alignment::Regressors => {
                 compensation::compensate(&slices, Some(self.model.regressors()), start, cube)
             }
             #[cfg(feature = "std")]
-            Alignment::Flow => window_flow::follow(&slices, &self.pyramid.frames(), start, cube),
+            Alignment::Flow => {
+                window_flow::follow(&slices, &self.channels.pyramid.frames(), start, cube)
+            }
             // `Detector::new` refuses it: the comparison is no part of the firmware.
             #[cfg(not(feature = "std"))]
             Alignment::Flow => compensation::compensate(&slices, None, start, cube),
@@ -196,7 +195,7 @@ impl CubeClassifier<'_> {
         cube: &Ready<'_>,
         score: i32,
     ) -> Detection {
-        let level = &self.pyramid.levels()[usize::from(candidate.level)];
+        let level = &self.channels.pyramid.levels()[usize::from(candidate.level)];
         let test = |feature, threshold| self.test(feature, threshold, cube);
         let [x, y, width, height] = self.model.boxes().each_ref().map(|forest| forest.score(test));
         // Q8 cells to Q8 pixels of the frame. A centre farther than a window away is none of this window's.

@@ -8,7 +8,7 @@ pub mod detection;
 pub mod digest;
 pub mod temporal_score;
 
-use crate::channels::front_end::FrontEnd;
+use crate::channels::front_end::{self, FrontEnd};
 use crate::channels::method::Alignment;
 use crate::channels::scale_space::Geometry;
 use crate::image::nms;
@@ -100,7 +100,7 @@ impl Config {
     pub const fn bytes_len(&self) -> usize {
         let geometry = self.geometry();
         let scratch = scan::bytes_len(&geometry, self.parallel);
-        FrontEnd::bytes_len(self.width, self.height, &geometry, scratch)
+        FrontEnd::bytes_len(&geometry, scratch)
     }
 
     /// Words that [`Buffers::words`] must have.
@@ -120,9 +120,17 @@ impl Config {
         )
     }
 
-    /// The front end for this configuration.
-    pub const fn front(&self) -> FrontEnd {
-        FrontEnd::new(self.width, self.height, self.geometry(), self.method)
+    /// The detector's front end alone, in memory of at least [`Config::bytes_len`] bytes: the trainer's way to the same
+    /// channels.
+    ///
+    /// # Errors
+    /// [`Error::BufferTooSmall`] with the number of bytes needed.
+    pub fn front_end<'b>(&self, bytes: &'b mut [u8]) -> Result<FrontEnd<'b>, Error> {
+        let needed = self.bytes_len();
+        if bytes.len() < needed {
+            return Err(Error::BufferTooSmall { needed });
+        }
+        Ok(FrontEnd::new(self.geometry(), self.method, bytes)?)
     }
 }
 
@@ -170,6 +178,15 @@ impl core::fmt::Display for Error {
 }
 
 impl core::error::Error for Error {}
+
+impl From<front_end::Error> for Error {
+    fn from(error: front_end::Error) -> Self {
+        match error {
+            front_end::Error::BufferTooSmall { needed } => Self::BufferTooSmall { needed },
+            front_end::Error::FrameSize { width, height } => Self::FrameSize { width, height },
+        }
+    }
+}
 
 /// A step of [`Detector::process`], named to an observer when it has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -230,11 +247,11 @@ pub struct Detections {
 pub struct Detector<'m, 'b> {
     model: Model<'m>,
     config: Config,
-    front: FrontEnd,
+    front_end: FrontEnd<'b>,
     persistence: Persistence<MAX_DETECTIONS>,
     /// Time of the last frame.
     last_us: Option<i64>,
-    buffers: Buffers<'b>,
+    words: &'b mut [u16],
 }
 
 impl<'m, 'b> Detector<'m, 'b> {
@@ -247,20 +264,18 @@ impl<'m, 'b> Detector<'m, 'b> {
         if !linked || !model.method().allows(&config.method) {
             return Err(Error::ModelMismatch);
         }
-        for (given, needed) in
-            [(buffers.bytes.len(), config.bytes_len()), (buffers.words.len(), config.words_len())]
-        {
-            if given < needed {
-                return Err(Error::BufferTooSmall { needed });
-            }
+        let Buffers { bytes, words } = buffers;
+        let needed = config.words_len();
+        if words.len() < needed {
+            return Err(Error::BufferTooSmall { needed });
         }
         Ok(Self {
             model: *model,
             config,
-            front: config.front(),
+            front_end: config.front_end(bytes)?,
             persistence: Persistence::new(),
             last_us: None,
-            buffers,
+            words,
         })
     }
 
@@ -292,32 +307,29 @@ impl<'m, 'b> Detector<'m, 'b> {
         detections: &mut Detections,
         observer: &mut dyn FnMut(Stage),
     ) -> Result<(), Error> {
-        if (frame.width(), frame.height()) != (self.config.width, self.config.height) {
-            return Err(Error::FrameSize { width: frame.width(), height: frame.height() });
-        }
+        self.front_end.check(frame)?;
         let continues = |last: i64| (0..=MAX_GAP_US).contains(&time_us.saturating_sub(last));
         let restarted = !self.last_us.is_some_and(continues);
         if restarted {
-            self.front.restart();
+            self.front_end.restart();
             self.persistence.clear();
         }
         self.last_us = Some(time_us);
-        let Self { model, config, front, persistence, buffers, .. } = self;
-        front.take(frame, buffers.bytes);
-        front.build(frame, buffers.bytes, &mut || observer(Stage::Registration));
-        let (pyramid, scratch) = front.pyramid(frame, buffers.bytes);
+        let Self { model, config, front_end, persistence, words, .. } = self;
+        let (channels, scratch) =
+            front_end.process(frame, &mut || observer(Stage::Registration))?;
         observer(Stage::Channels);
-        let scratch = Scratch { bytes: scratch, words: buffers.words };
+        let (scratch, pyramid) = (Scratch { bytes: scratch, words }, &channels.pyramid);
         let (candidates, Counts { windows, kept, dropped }) =
-            scan::search(model.scan(), &pyramid, config.candidates, config.parallel, scratch);
+            scan::search(model.scan(), pyramid, config.candidates, config.parallel, scratch);
         observer(Stage::Scan);
         detections.list.clear();
         detections.proposals.clear();
         (detections.windows, detections.kept, detections.dropped) = (windows, kept, dropped);
         detections.restarted = restarted;
-        (detections.registered, detections.motion) = (front.registered(), front.motion());
+        (detections.registered, detections.motion) = (channels.registered(), channels.motion());
         let Config { method, trace, fit, .. } = *config;
-        let classifier = CubeClassifier { model, method, trace, fit, front, pyramid };
+        let classifier = CubeClassifier { model, method, trace, fit, channels };
         decide(config, &classifier, &candidates, persistence, detections, observer);
         observer(Stage::Boxes);
         Ok(())
@@ -325,7 +337,7 @@ impl<'m, 'b> Detector<'m, 'b> {
 
     /// Gives the memory back.
     pub fn release(self) -> Buffers<'b> {
-        self.buffers
+        Buffers { bytes: self.front_end.release(), words: self.words }
     }
 }
 
@@ -342,7 +354,7 @@ fn decide(
 ) {
     let mut found: heapless::Vec<Scored, MAX_CANDIDATES> = heapless::Vec::new();
     for candidate in candidates {
-        let level = &classifier.pyramid.levels()[usize::from(candidate.level)];
+        let level = &classifier.channels.pyramid.levels()[usize::from(candidate.level)];
         // As much room as there are candidates, here and below.
         let _ = detections.proposals.push(level.nominal_box(window(candidate)));
     }

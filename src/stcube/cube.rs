@@ -170,8 +170,6 @@ pub struct Scalar(usize);
 impl Scalar {
     /// Score of the scan, Q8 log-odds and 32768, clamped to 16 bits.
     pub const SCAN_SCORE: Self = Self(0);
-    /// Shorter side of the box that is refined, quarter pixels; in windows of [`crate::boxes`] alone.
-    pub const SHORTER_SIDE: Self = Self(0);
     /// Length of the level's nominal target, pixels of the frame.
     pub const TARGET_LENGTH: Self = Self(1);
     /// 1 if the newest frame was registered to the one before, else 0.

@@ -113,7 +113,8 @@ fn measure(args: &BenchArgs, model: &Model<'_>) -> Result<Figures, Error> {
                 .map_err(refused(index as u64 + 1))?;
         }
     }
-    let trees = trees_per_window(model, &config, &frames, &mut memory);
+    let trees = trees_per_window(model, &config, &frames, &mut memory)
+        .map_err(|source| PipelineError::Detector { input, frame: 1, source })?;
     Ok(clock.figures(args, &config, memory.len_bytes(), frames.len(), trees))
 }
 
@@ -143,21 +144,18 @@ fn trees_per_window(
     config: &Config,
     frames: &[Frame],
     memory: &mut Memory,
-) -> f64 {
-    let mut front = config.front();
+) -> Result<f64, crate::detector::Error> {
     let (bytes, words) = memory.parts();
+    let mut front_end = config.front_end(bytes)?;
     let (mut trees, mut windows) = (0, 0);
     for frame in frames.iter().take(COUNTED) {
-        let frame = frame.view();
-        front.take(frame, bytes);
-        front.build(frame, bytes, &mut || {});
-        let (pyramid, scratch) = front.pyramid(frame, bytes);
+        let (channels, scratch) = front_end.process(frame.view(), &mut || {})?;
         let scratch = Scratch { bytes: scratch, words };
-        let counted = scan::count_trees(model.scan(), &pyramid, scratch);
+        let counted = scan::count_trees(model.scan(), &channels.pyramid, scratch);
         trees += counted.0;
         windows += counted.1;
     }
-    trees as f64 / (windows as f64).max(1.0)
+    Ok(trees as f64 / (windows as f64).max(1.0))
 }
 
 /// Times of frames and stages in seconds, counts of the first pass.

@@ -127,8 +127,7 @@ pub fn cubes(
         method: config.method,
         trace: false,
         fit: false,
-        front: view.front,
-        pyramid: *pyramid,
+        channels: view.channels,
     };
     let mut rows = Vec::new();
     let mut cube = Cube::EMPTY;

@@ -3,12 +3,11 @@
 use super::cubes::Row;
 use super::labels::{Offset, Truth, truths};
 use super::visit::View;
-use crate::boxes::{self, BOX_CELLS};
+use crate::boxes::{self, BOX_CELLS, StretchedWindow};
 use crate::channels::scale_space::Pyramid;
 use crate::image::Rect;
 use crate::shell::formats::clips::TruthBox;
 use crate::shell::support::random::Random;
-use crate::stcube::cube::Cube;
 use crate::stcube::feature::Feature;
 use fixed::types::I28F4;
 use std::vec::Vec;
@@ -60,13 +59,12 @@ pub fn fits(
     random: &mut Random,
 ) -> Vec<Row> {
     let mut rows = Vec::new();
-    let mut cube = Cube::EMPTY;
+    let mut stretched = StretchedWindow::EMPTY;
     for truth in &truths(&view.boxes) {
         let Truth::Target(truth) = truth else { continue };
         for error in ERRORS {
-            let window = boxes::cut(pyramid, &wrong(truth, error, random), &mut cube);
-            let value = |f: &Feature| f.value(&cube.slices, &cube.newest, &cube.scalars);
-            let values = pool.iter().map(value).collect();
+            let window = boxes::cut(pyramid, &wrong(truth, error, random), &mut stretched);
+            let values = pool.iter().map(|feature| stretched.value(feature)).collect();
             rows.push(Row::of_offset(view, values, offset(truth, &window)));
         }
     }

@@ -3,13 +3,13 @@
 use super::footage::Footage;
 use super::look::Look;
 use super::playback::Playback;
-use crate::channels::front_end::{FrontEnd, REACH};
+use crate::channels::front_end::{self, FrameChannels, REACH};
 use crate::channels::scale_space::Pyramid;
 use crate::channels::window::SLICES;
 use crate::detector::Config;
 use crate::shell::error::Error;
 use crate::shell::formats::clips::TruthBox;
-use crate::shell::pipeline::Memory;
+use crate::shell::pipeline::{Memory, PipelineError};
 use crate::shell::sources::Frame;
 use crate::shell::support::parallel;
 use crate::shell::support::random::Random;
@@ -38,8 +38,8 @@ pub struct View<'a> {
     pub pasted: bool,
     /// Whether it is of a clip that is held back.
     pub held_back: bool,
-    /// The front end after the frame.
-    pub front: &'a FrontEnd,
+    /// Channels of the frame, from the detector's own front end.
+    pub channels: FrameChannels<'a>,
 }
 
 /// Which frames to show, and how.
@@ -119,36 +119,37 @@ fn show(
     let (width, height) = look.size(clip.size.0, clip.size.1);
     let config = config(width, height);
     let mut memory = Memory::new(&config);
-    let bytes = memory.bytes();
-    let mut front = config.front();
+    let refused =
+        |frame, source| PipelineError::Detector { input: clip.input.clone(), frame, source };
+    let mut front_end = config.front_end(memory.bytes()).map_err(|source| refused(1, source))?;
     let mut last = 0;
     let mut picture = Frame::default();
     let slices = if depth == Depth::Cube { SLICES } else { 1 };
     for &frame in frames {
         let start = frame.saturating_sub(slices - 1 + REACH).max(1);
         if last == 0 || start > last + 1 {
-            front = config.front();
+            front_end.restart();
             last = start - 1;
         }
         for number in last + 1..=frame {
             look.apply(playback.frame(number)?, &mut picture);
-            front.take(picture.view(), bytes);
+            let refused = |error: front_end::Error| refused(number as u64, error.into());
             // Older frames are only there to be compared with.
             if number + slices <= frame {
+                front_end.skip(picture.view()).map_err(refused)?;
                 continue;
             }
-            front.build(picture.view(), bytes, &mut || {});
+            let (channels, _) = front_end.process(picture.view(), &mut || {}).map_err(refused)?;
             if number == frame {
-                let (pyramid, _) = front.pyramid(picture.view(), bytes);
                 let truth = |truth| look.truth(truth, clip.size.0);
                 let view = View {
                     number: (clip.number * 4096 + frame) as u32,
                     boxes: clip.boxes[frame - 1].iter().map(truth).collect(),
                     pasted: clip.pasted,
                     held_back: clip.held_back,
-                    front: &front,
+                    channels,
                 };
-                work(&view, &pyramid);
+                work(&view, &channels.pyramid);
             }
         }
         last = frame;

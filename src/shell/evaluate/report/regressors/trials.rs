@@ -1,8 +1,8 @@
 //! Runs of Algorithm 1 from starts that are off by a known way.
 
 use super::flow::{Pictures, follow};
-use crate::channels::front_end::{FrontEnd, REACH as BACK};
-use crate::channels::scale_space::{Level, Pyramid};
+use crate::channels::front_end::{self, FrameChannels, REACH as BACK};
+use crate::channels::scale_space::Level;
 use crate::channels::window::{Position, SLICES, WINDOW};
 use crate::image::gradient::CELL;
 use crate::model::Model;
@@ -12,7 +12,7 @@ use crate::shell::evaluate::contrast::contrast;
 use crate::shell::evaluate::matching::{must_be_found, rect};
 use crate::shell::formats::clips::{Clip, GroundTruth, TruthBox};
 use crate::shell::pipeline::on_clips;
-use crate::shell::pipeline::{DetectorArgs, Memory};
+use crate::shell::pipeline::{DetectorArgs, Memory, PipelineError};
 use crate::shell::sources::Frame;
 use crate::shell::support::interrupt;
 use crate::shell::support::random::Random;
@@ -126,34 +126,42 @@ fn run_clip(
     let mut trials = Vec::new();
     let Some(&last) = drawn.last() else { return Ok(trials) };
     let mut source = clip.open()?;
-    // Made anew where frames are left out.
-    let mut state: Option<(FrontEnd, Memory)> = None;
+    let mut first = Frame::default();
+    if !source.next_frame(&mut first)? {
+        return Ok(trials);
+    }
+    let config = args.config(model, first.width, first.height)?;
+    let refused = |frame, source| PipelineError::Detector {
+        input: clip.input.to_string_lossy().into_owned(),
+        frame,
+        source,
+    };
+    let mut memory = Memory::new(&config);
+    let mut front_end = config.front_end(memory.bytes()).map_err(|source| refused(1, source))?;
+    let mut first = Some(first);
     let mut recent: VecDeque<Frame> = VecDeque::new();
     for number in 1..=last {
         let oldest = if recent.len() == SLICES { recent.pop_back() } else { None };
-        let mut frame = oldest.unwrap_or_default();
-        if !source.next_frame(&mut frame)? || interrupt::requested() {
+        let mut frame = first.take().or(oldest).unwrap_or_default();
+        if number > 1 && !source.next_frame(&mut frame)? || interrupt::requested() {
             break;
         }
         recent.push_front(frame);
         let frame = &recent[0];
         let next = drawn[drawn.partition_point(|&n| n < number)];
         if next - number > HISTORY {
-            state = None;
+            front_end.restart();
             continue;
         }
-        let config = args.config(model, frame.width, frame.height)?;
-        let (front, memory) = state.get_or_insert_with(|| (config.front(), Memory::new(&config)));
-        let bytes = memory.bytes();
-        front.take(frame.view(), bytes);
+        let refused = |error: front_end::Error| refused(number, error.into());
         if next - number >= SLICES as u64 {
+            front_end.skip(frame.view()).map_err(refused)?;
             continue;
         }
-        front.build(frame.view(), bytes, &mut || {});
+        let (channels, _) = front_end.process(frame.view(), &mut || {}).map_err(refused)?;
         if number == next {
-            let (pyramid, _) = front.pyramid(frame.view(), bytes);
             let pictures: Vec<Pictures> = recent.iter().map(Pictures::new).collect();
-            let scene = Scene { model, front, pyramid, pictures: &pictures };
+            let scene = Scene { model, channels, pictures: &pictures };
             for target in clip.ground_truth.frame(number) {
                 let Some(track) = track(&clip.ground_truth, number, target) else { continue };
                 let contrast = contrast(frame, &rect(target));
@@ -170,8 +178,7 @@ fn run_clip(
 /// A drawn frame and the ones before it.
 struct Scene<'a> {
     model: &'a Model<'a>,
-    front: &'a FrontEnd,
-    pyramid: Pyramid<'a>,
+    channels: FrameChannels<'a>,
     /// Newest first.
     pictures: &'a [Pictures],
 }
@@ -180,14 +187,14 @@ impl Scene<'_> {
     /// One start, drawn at random around the target; none if no level is searched.
     fn trial(&self, track: &[TruthBox; SLICES], random: &mut Random) -> Option<Trial> {
         let size = track[0].width.max(track[0].height);
-        let level = self.pyramid.level(self.level_of(size)?);
+        let level = self.channels.pyramid.level(self.level_of(size)?);
         let scale = level.level.scale;
         let cell = CELL as f64 * f64::from(scale) / 65536.0;
         let truth = track.map(|t| [t.left + t.width / 2.0, t.top + t.height / 2.0]);
         let away = [random.symmetric(), random.symmetric()].map(|v| v * REACH * cell);
         let q8 = |axis: usize| ((truth[0][axis] + away[axis]) * 256.0).round() as i32;
         let start = Position::centred((q8(0), q8(1)), scale);
-        let slices = self.front.slices(&level);
+        let slices = self.channels.slices(&level);
         let mut cube = Cube::EMPTY;
         let alone = compensation::compensate(&slices, None, start, &mut cube);
         let ours =
@@ -203,7 +210,7 @@ impl Scene<'_> {
         });
         Some(Trial {
             size,
-            registered: self.front.registered(),
+            registered: self.channels.registered(),
             off,
             moves: ours.slice_moves,
             settled: ours.settled,
@@ -239,7 +246,7 @@ impl Scene<'_> {
     /// The searched level whose nominal target is nearest to the target in length.
     fn level_of(&self, size: f64) -> Option<usize> {
         let distance = |l: &Level| (size / (f64::from(l.target_q4()) / 16.0)).log2().abs();
-        let levels = self.pyramid.levels().iter().enumerate().filter(|(_, l)| l.active);
+        let levels = self.channels.pyramid.levels().iter().enumerate().filter(|(_, l)| l.active);
         levels.min_by(|a, b| distance(a.1).total_cmp(&distance(b.1))).map(|(number, _)| number)
     }
 }
