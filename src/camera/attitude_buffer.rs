@@ -16,6 +16,22 @@ const BEYOND: i64 = 60_000;
 const SET_BACK: i64 = 1_000_000;
 
 /// The last attitudes, in the order of their times.
+///
+/// ```
+/// use lookout::camera::attitude::Attitude;
+/// use lookout::camera::attitude_buffer::Attitudes;
+/// use lookout::math::real::{ZERO, ratio};
+///
+/// let mut attitudes = Attitudes::new();
+/// // Yaw 0 at 0 s and 0.2 rad at 0.1 s.
+/// attitudes.push(0, Attitude::from_euler(ZERO, ZERO, ZERO));
+/// attitudes.push(100_000, Attitude::from_euler(ZERO, ZERO, ratio(2, 10)));
+/// let between = attitudes.at(50_000).unwrap();
+/// let wanted = Attitude::from_euler(ZERO, ZERO, ratio(1, 10));
+/// assert!(between.angle_to(wanted) < ratio(1, 1000));
+/// // Too long after the newest one.
+/// assert!(attitudes.at(300_000).is_none());
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Attitudes {
     kept: heapless::Vec<(i64, Attitude), KEPT>,

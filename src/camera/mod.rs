@@ -71,6 +71,24 @@ impl core::fmt::Display for CameraError {
 impl core::error::Error for CameraError {}
 
 /// A camera on a vehicle.
+///
+/// ```
+/// use fixed::types::I28F4;
+/// use lookout::camera::{Camera, CameraError};
+/// use lookout::math::real::{PI, Real};
+///
+/// // 640x480 pixels with a horizontal field of view of 90 degrees.
+/// let camera = Camera::from_field_of_view(640, 480, PI / 2)?;
+/// let pixel = |v: i32| I28F4::from_num(v);
+/// // Axes of the body: forward, right, down. The middle of the right edge is 45 degrees to the right.
+/// let [forward, right, down] = camera.body(pixel(640), pixel(240)).map(|v| v.to_num::<f64>());
+/// assert!((forward - right).abs() < 1e-6 && down.abs() < 1e-6);
+/// let (x, y) = camera.project([forward, right, down].map(Real::from_num)).unwrap();
+/// assert!((x - pixel(640)).abs() < 1 && (y - pixel(240)).abs() < 1);
+///
+/// assert_eq!(Camera::from_field_of_view(640, 480, PI), Err(CameraError::FieldOfView));
+/// # Ok::<(), CameraError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Camera {
     intrinsics: Intrinsics,

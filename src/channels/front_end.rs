@@ -427,3 +427,110 @@ fn picture(pixels: &[u8], width: usize, height: usize, octave: usize) -> Image<'
     Image::packed(pixels, width >> octave, height >> octave)
         .expect("the memory was divided for these pictures")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::channels::method::Alignment;
+    use std::vec;
+    use std::vec::Vec;
+
+    const WIDTH: usize = 96;
+    const HEIGHT: usize = 80;
+
+    const METHOD: Method = Method {
+        registration: true,
+        temporal: true,
+        alignment: Alignment::Regressors,
+        stcube: true,
+        persistence: true,
+        scales_per_octave: 2,
+        history: History::Full,
+    };
+
+    fn geometry(history: History) -> Geometry {
+        Geometry::new(WIDTH, HEIGHT, 10, 40, 2, history)
+    }
+
+    /// Frame `number` of a smooth texture that moves a pixel a frame.
+    fn frame(number: usize) -> Vec<u8> {
+        let value = |x: usize, y: usize| {
+            ((x / 5 * 37) ^ (y / 4 * 59)).wrapping_mul(2_654_435_761) as u8 / 2
+        };
+        (0..WIDTH * HEIGHT).map(|n| value(n % WIDTH + number, n / WIDTH)).collect()
+    }
+
+    fn view(pixels: &[u8]) -> Image<'_> {
+        Image::packed(pixels, WIDTH, HEIGHT).unwrap()
+    }
+
+    /// All pixels that scan and st-cubes may read, level by level.
+    fn pixels(channels: &FrameChannels<'_>, slices: usize) -> Vec<Vec<u8>> {
+        let rows =
+            |image: Image<'_>| (0..image.height()).flat_map(|y| image.row(y).to_vec()).collect();
+        let mut all = Vec::new();
+        for level in channels.pyramid.searched() {
+            let older = level.slices.into_iter().take(slices).flatten();
+            let images = older.flat_map(|slice| [slice.grey, slice.near.picture]);
+            let newest = [level.newest.far.picture, level.newest.plain.picture];
+            all.extend(images.chain(newest).map(rows));
+        }
+        all
+    }
+
+    #[test]
+    fn skipped_frames_count_for_differences() {
+        for history in [History::Full, History::Half] {
+            let geometry = geometry(history);
+            let mut memories = [(); 2].map(|()| vec![0; FrontEnd::bytes_len(&geometry, 0)]);
+            let [all, some] = &mut memories;
+            let mut all = FrontEnd::new(geometry, METHOD, all).unwrap();
+            let mut some = FrontEnd::new(geometry, METHOD, some).unwrap();
+            for number in 0..30 {
+                let frame = frame(number);
+                let (want, _) = all.process(view(&frame), &mut || {}).unwrap();
+                // Runs of three frames that are processed, of six that are skipped.
+                let run = number % 9;
+                if run < 6 {
+                    some.skip(view(&frame)).unwrap();
+                    continue;
+                }
+                let (got, _) = some.process(view(&frame), &mut || {}).unwrap();
+                assert_eq!(got.motion(), want.motion());
+                let filled = run - 5;
+                assert_eq!(pixels(&got, filled), pixels(&want, filled), "{history:?} {number}");
+                // Slices from before the run repeat its oldest frame.
+                if history == History::Full {
+                    let level = got.pyramid.level(0);
+                    let rows =
+                        level.slices.map(|slice| slice.unwrap().near.picture.row(40).to_vec());
+                    assert!(rows[filled..].iter().all(|row| *row == rows[filled - 1]), "{number}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_and_changes_nothing() {
+        let geometry = geometry(History::Full);
+        let needed = FrontEnd::bytes_len(&geometry, 0);
+        let refused = FrontEnd::new(geometry, METHOD, &mut vec![0; needed - 1]).unwrap_err();
+        assert_eq!(refused, Error::BufferTooSmall { needed });
+        let mut memory = vec![0; needed];
+        let mut front_end = FrontEnd::new(geometry, METHOD, &mut memory).unwrap();
+        let pixels_of = |front_end: &mut FrontEnd<'_>, number| {
+            pixels(&front_end.process(view(&frame(number)), &mut || {}).unwrap().0, 4)
+        };
+        pixels_of(&mut front_end, 0);
+        let want = pixels_of(&mut front_end, 1);
+        front_end.restart();
+        pixels_of(&mut front_end, 0);
+        let small = frame(9);
+        let small = Image::packed(&small, HEIGHT, WIDTH).unwrap();
+        let error = Error::FrameSize { width: HEIGHT, height: WIDTH };
+        assert_eq!(front_end.skip(small), Err(error));
+        assert_eq!(front_end.process(small, &mut || {}).map(|_| ()), Err(error));
+        assert_eq!(pixels_of(&mut front_end, 1), want);
+        assert_eq!(front_end.release().len(), needed);
+    }
+}

@@ -47,6 +47,18 @@ pub const TARGETS: (usize, usize) = (10, 240);
 pub const MAX_GAP_US: i64 = 1_000_000;
 
 /// Frame size, range of targets and switches of a detector. Made for a model by [`Config::for_model`].
+///
+/// ```
+/// use lookout::detector::Config;
+/// use lookout::model::Model;
+///
+/// let model = Model::parse(include_bytes!("../../models/lookout.lkm"))?;
+/// let config = Config::for_model(&model, 640, 480);
+/// // Large targets alone: fewer and coarser levels, less memory.
+/// let coarse = Config { min_target: 40, ..config };
+/// assert!(coarse.bytes_len() < config.bytes_len());
+/// # Ok::<(), lookout::model::ModelError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Config {
     /// Width of the frames in pixels.
@@ -221,6 +233,18 @@ impl Stage {
 }
 
 /// Result of one frame.
+///
+/// ```
+/// use lookout::detector::Detections;
+///
+/// /// The box of the surest detection, pixels of the frame.
+/// fn surest(detections: &Detections) -> Option<[f32; 4]> {
+///     let rect = detections.list.first()?.rect;
+///     Some([rect.x, rect.y, rect.width, rect.height].map(|side| side.to_num()))
+/// }
+///
+/// assert_eq!(surest(&Detections::default()), None);
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Detections {
     /// The detections, surest first.
@@ -243,6 +267,31 @@ pub struct Detections {
 }
 
 /// Finds flying objects in the frames of one camera.
+///
+/// ```
+/// use lookout::detector::{Buffers, Config, Detections, Detector, Error};
+/// use lookout::image::Image;
+/// use lookout::model::Model;
+///
+/// let model = Model::parse(include_bytes!("../../models/lookout.lkm"))?;
+/// let config = Config::for_model(&model, 96, 80);
+/// let (mut bytes, mut words) = (vec![0; config.bytes_len()], vec![0; config.words_len()]);
+/// let buffers = Buffers { bytes: &mut bytes, words: &mut words };
+/// let mut detector = Detector::new(&model, config, buffers)?;
+///
+/// let pixels = [90; 96 * 80];
+/// let mut detections = Detections::default();
+/// // 30 frames a second, and one after a gap of 5 s: the history starts anew.
+/// for (time_us, restarted) in [(0, true), (33_333, false), (5_033_333, true)] {
+///     detector.process(Image::packed(&pixels, 96, 80)?, time_us, &mut detections)?;
+///     assert_eq!(detections.restarted, restarted);
+/// }
+/// // Frames of another size are refused.
+/// let other = Image::packed(&pixels, 80, 96)?;
+/// let refused = detector.process(other, 5_066_666, &mut detections);
+/// assert_eq!(refused, Err(Error::FrameSize { width: 80, height: 96 }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Detector<'m, 'b> {
     model: Model<'m>,
@@ -265,6 +314,7 @@ impl<'m, 'b> Detector<'m, 'b> {
             return Err(Error::ModelMismatch);
         }
         let Buffers { bytes, words } = buffers;
+        let front_end = config.front_end(bytes)?;
         let needed = config.words_len();
         if words.len() < needed {
             return Err(Error::BufferTooSmall { needed });
@@ -272,7 +322,7 @@ impl<'m, 'b> Detector<'m, 'b> {
         Ok(Self {
             model: *model,
             config,
-            front_end: config.front_end(bytes)?,
+            front_end,
             persistence: Persistence::new(),
             last_us: None,
             words,

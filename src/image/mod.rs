@@ -45,6 +45,19 @@ impl core::fmt::Display for ImageError {
 impl core::error::Error for ImageError {}
 
 /// A grey picture, 8 bits a pixel, rows `stride` bytes apart.
+///
+/// ```
+/// use lookout::image::Image;
+///
+/// // Two rows of three pixels, each followed by a byte of padding.
+/// let pixels = [1, 2, 3, 0, 4, 5, 6, 0];
+/// let image = Image::new(&pixels, 3, 2, 4)?;
+/// assert_eq!(image.row(1), [4, 5, 6]);
+///
+/// // A camera that gives too few bytes is an error, not a panic.
+/// assert!(Image::packed(&pixels, 3, 3).is_err());
+/// # Ok::<(), lookout::image::ImageError>(())
+/// ```
 #[derive(Debug, Clone, Copy)]
 pub struct Image<'a> {
     pixels: &'a [u8],
@@ -108,6 +121,18 @@ impl<'a> Image<'a> {
 }
 
 /// A box in a picture, in sixteenths of a pixel (Q28.4), half-open.
+///
+/// ```
+/// use fixed::types::I28F4;
+/// use lookout::image::Rect;
+///
+/// let [zero, five, ten] = [0, 5, 10].map(I28F4::from_num::<i32>);
+/// let left = Rect { x: zero, y: zero, width: ten, height: ten };
+/// let right = Rect { x: five, ..left };
+/// // 50 of 150 px² are common to both: an IoU of 1/3, 85.3 in Q8.
+/// assert_eq!(left.intersection(&right), 50 * 256);
+/// assert!(left.overlaps(&right, 85) && !left.overlaps(&right, 86));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rect {
     /// Left edge.

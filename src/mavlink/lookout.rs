@@ -23,6 +23,28 @@ const QUATERNION_BITS: u32 = 30;
 const EVENTS: usize = 8;
 
 /// Watches one camera's detections and speaks MAVLink about them.
+///
+/// ```
+/// use lookout::camera::Camera;
+/// use lookout::detector::Detections;
+/// use lookout::math::real::PI;
+/// use lookout::mavlink::component::Config;
+/// use lookout::mavlink::component::parameters::Parameters;
+/// use lookout::mavlink::lookout::Onboard;
+/// use lookout::tracking::tracker;
+///
+/// let camera = Camera::from_field_of_view(640, 480, PI / 3)?;
+/// let tracks = tracker::Settings::default();
+/// let mut onboard = Onboard::new(camera, tracks, Config::default(), Parameters::default(), 0);
+/// // For each frame: the detector's result, when it was taken, and when it was finished.
+/// let traffic = onboard.see(&Detections::default(), 0, 30_000);
+/// assert!(traffic.is_empty());
+/// // Every 20 ms: the messages to send.
+/// while let Some(message) = onboard.poll(40_000) {
+///     assert!(message.payload.frame_len() <= 280);
+/// }
+/// # Ok::<(), lookout::camera::CameraError>(())
+/// ```
 #[derive(Debug)]
 pub struct Onboard {
     tracks: tracker::Settings,

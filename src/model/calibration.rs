@@ -38,6 +38,20 @@ impl Knot {
 }
 
 /// A checked table of knots, a view of the bytes of a model.
+///
+/// ```
+/// use lookout::model::calibration::{Calibration, Knot, ONE};
+///
+/// let knots = [Knot { score: 0, precision: ONE / 2 }, Knot { score: 2 << 16, precision: ONE }];
+/// let bytes = knots.map(Knot::encode);
+/// let table = Calibration::parse(bytes.as_flattened()).unwrap();
+/// // The least score in the table from which on at least three quarters are right.
+/// assert_eq!(table.threshold(ONE / 4 * 3), Some(2 << 16));
+///
+/// // Scores must rise.
+/// let bytes = [knots[1], knots[0]].map(Knot::encode);
+/// assert!(Calibration::parse(bytes.as_flattened()).is_none());
+/// ```
 #[derive(Debug, Clone, Copy)]
 pub struct Calibration<'m> {
     knots: &'m [[u8; KNOT]],

@@ -195,6 +195,19 @@ impl core::fmt::Display for ModelError {
 impl core::error::Error for ModelError {}
 
 /// A checked model: evaluating it cannot fail.
+///
+/// ```
+/// use lookout::model::{Model, ModelError};
+///
+/// let mut file = include_bytes!("../../models/lookout-mini.lkm").to_vec();
+/// let model = Model::parse(&file)?;
+/// assert!(model.scan().trees().len() > 0);
+/// assert!(model.provenance().starts_with('{'));
+///
+/// file[1000] ^= 1;
+/// assert_eq!(Model::parse(&file).unwrap_err(), ModelError::Checksum);
+/// # Ok::<(), ModelError>(())
+/// ```
 #[derive(Debug, Clone, Copy)]
 pub struct Model<'m> {
     bytes: &'m [u8],

@@ -29,6 +29,16 @@ const STILLNESS: i64 = 8;
 const PRIOR: i64 = 1 << 28;
 
 /// A motion of the whole picture: maps a point of a frame to where it was in the frame before.
+///
+/// ```
+/// use lookout::registration::Motion;
+///
+/// // The background was 2 px further right in the frame before: parameter a, Q16.
+/// let motion = Motion::new(640, 480, [2 << 16, 0, 0, 0, 0, 0, 0, 0]);
+/// // Points are in Q8.
+/// assert_eq!(motion.map(100 << 8, 50 << 8), (102 << 8, 50 << 8));
+/// assert!(!Motion::IDENTITY.is_valid());
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Motion {
     /// Of the polynomials in [`Motion::shift`], in pixels, Q16.

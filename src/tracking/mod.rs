@@ -53,6 +53,38 @@ enum Source {
 }
 
 /// Follows the objects that the detector finds in the frames of one camera, and raises alerts about them.
+///
+/// ```
+/// use fixed::types::I28F4;
+/// use lookout::camera::Camera;
+/// use lookout::camera::attitude_buffer::Attitudes;
+/// use lookout::detector::Detection;
+/// use lookout::image::Rect;
+/// use lookout::math::real::PI;
+/// use lookout::registration::Motion;
+/// use lookout::tracking::traffic::Level;
+/// use lookout::tracking::{Settings, Watch};
+///
+/// let camera = Camera::from_field_of_view(640, 480, PI / 3)?;
+/// let mut watch = Watch::new(Settings::default(), camera);
+/// // The background stands still, and no attitude of the vehicle is known.
+/// let (still, attitudes) = (Motion::new(640, 480, [0; 8]), Attitudes::new());
+///
+/// // 30 frames a second of an object ahead that is 6 s from contact in the first frame.
+/// let mut level = Level::None;
+/// for frame in 0..105 {
+///     let side = I28F4::from_num(120.0 / (6.0 - f64::from(frame) / 30.0));
+///     let centre = [320, 240].map(I28F4::from_num::<i32>);
+///     let [x, y] = centre.map(|middle| middle - side / 2);
+///     let rect = Rect { x, y, width: side, height: side };
+///     let detection = Detection { rect, score: 4 << 16, shifts: Default::default() };
+///     let time_us = i64::from(frame) * 33_333;
+///     let traffic = watch.update(&[detection], time_us, &still, &attitudes);
+///     level = traffic[0].level;
+/// }
+/// assert_eq!(level, Level::Warning);
+/// # Ok::<(), lookout::camera::CameraError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Watch {
     camera: Camera,

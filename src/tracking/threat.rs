@@ -164,6 +164,23 @@ impl Alert {
 }
 
 /// Raises and lowers the alert level of each track, frame after frame.
+///
+/// ```
+/// use lookout::camera::Camera;
+/// use lookout::camera::attitude::Attitude;
+/// use lookout::math::real::{PI, ZERO};
+/// use lookout::tracking::threat::{AlertMonitor, Observer, Settings};
+/// use lookout::tracking::tracker::{self, Tracker};
+///
+/// let camera = Camera::from_field_of_view(640, 480, PI / 3)?;
+/// let mut alerts = AlertMonitor::new(Settings::default());
+/// let attitude = Attitude::from_euler(ZERO, ZERO, ZERO);
+/// let observer = Observer { camera: &camera, attitude, in_world: false, time_us: 0 };
+/// // Called once a frame, with the tracks after it; `tracking::Watch` does so.
+/// let tracker = Tracker::new(tracker::Settings::default());
+/// assert!(alerts.update(tracker.tracks(), &observer).is_empty());
+/// # Ok::<(), lookout::camera::CameraError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct AlertMonitor {
     settings: Settings,

@@ -254,6 +254,31 @@ fn limited(rate: Vector, direction: Vector) -> Vector {
 }
 
 /// Follows objects from frame to frame.
+///
+/// ```
+/// use fixed::types::I28F4;
+/// use lookout::camera::Camera;
+/// use lookout::camera::attitude::Attitude;
+/// use lookout::detector::Detection;
+/// use lookout::image::Rect;
+/// use lookout::math::real::{ONE, PI, ZERO};
+/// use lookout::tracking::tracker::{CameraPose, Settings, Tracker};
+///
+/// let camera = Camera::from_field_of_view(640, 480, PI / 3)?;
+/// let attitude = Attitude::from_euler(ZERO, ZERO, ZERO);
+/// let pose = CameraPose { camera: &camera, attitude, error: ZERO, before: heapless::Vec::new() };
+/// let mut tracker = Tracker::new(Settings::default());
+/// // Ten frames with a detection that moves two pixels to the right each time.
+/// for frame in 0..10 {
+///     let [x, y, side] = [100 + 2 * frame, 200, 20].map(I28F4::from_num::<i32>);
+///     let rect = Rect { x, y, width: side, height: side };
+///     let detection = Detection { rect, score: 4 << 16, shifts: Default::default() };
+///     tracker.update(&[detection], i64::from(frame) * 33_333, ONE / 30, &pose);
+/// }
+/// let [track] = tracker.tracks() else { panic!("one track") };
+/// assert!(track.confirmed && track.hits(10) == 10);
+/// # Ok::<(), lookout::camera::CameraError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Tracker {
     settings: Settings,

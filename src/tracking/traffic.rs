@@ -10,6 +10,14 @@ use fixed::types::I16F16;
 pub const MAX_TRAFFIC: usize = 16;
 
 /// How urgent an object is, mildest first.
+///
+/// ```
+/// use lookout::tracking::traffic::Level;
+///
+/// // Levels are ordered, so that the most urgent object is the maximum.
+/// let most_urgent = [Level::Traffic, Level::Warning, Level::Caution].into_iter().max();
+/// assert_eq!(most_urgent, Some(Level::Warning));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub enum Level {
     /// Followed, not yet worth a word.

@@ -203,6 +203,34 @@ const ANSWERS_PER_LINK: usize = 24;
 const EVENTS: usize = 32;
 
 /// The component.
+///
+/// ```
+/// use lookout::mavlink::component::parameters::Parameters;
+/// use lookout::mavlink::component::{Component, Config, Event, Trust};
+/// use lookout::mavlink::dialect::{HEARTBEAT_DATA, MavAutopilot, MavType};
+/// use lookout::mavlink::messages::Payload;
+/// use lookout::mavlink::messages::status::{self, HeartbeatType, State};
+/// use mavlink_core::MAVLinkMessageRaw;
+///
+/// let mut component = Component::new(Config::default(), Parameters::default(), 0);
+/// let heartbeat = HEARTBEAT_DATA {
+///     autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+///     mavtype: MavType::MAV_TYPE_QUADROTOR,
+///     ..status::heartbeat(State::Starting, HeartbeatType::default())
+/// };
+/// // Frames that arrived on link 0 go in, from system 5, component 1.
+/// let frame = MAVLinkMessageRaw::V2(Payload::new(&heartbeat).frame(5, 1, 0, false));
+/// component.receive(0, &frame, Trust::Open, 1_000);
+/// assert_eq!(component.event(), Some(Event::Found { system_id: 5, autopilot: 3 }));
+/// assert_eq!(component.system_id(), 5);
+///
+/// // Messages to be sent come out: our own heartbeat (message 0) among them.
+/// let mut ids = Vec::new();
+/// while let Some(message) = component.poll(2_000) {
+///     ids.push(message.payload.id());
+/// }
+/// assert!(ids.contains(&0));
+/// ```
 #[derive(Debug)]
 pub struct Component {
     config: Config,

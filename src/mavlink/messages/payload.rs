@@ -7,6 +7,19 @@ use mavlink_core::{MAV_STX_V2, MAVLinkV2MessageRaw, MavlinkVersion, Message, Mes
 /// Payload of a message, MAVLink 2, trailing zeros cut off.
 ///
 /// Made from one type of message at a time: a program links the writers of those it sends, not of the whole dialect.
+///
+/// ```
+/// use lookout::mavlink::dialect::{MavMessage, SYSTEM_TIME_DATA};
+/// use lookout::mavlink::messages::Payload;
+///
+/// let data = SYSTEM_TIME_DATA { time_unix_usec: 7, time_boot_ms: 0 };
+/// let payload = Payload::new(&data);
+/// // One of 12 bytes is left when trailing zeros are cut off.
+/// assert_eq!((payload.id(), payload.bytes()), (2, &[7][..]));
+/// assert_eq!(payload.parse(), Some(MavMessage::SYSTEM_TIME(data)));
+/// // The first byte of a MAVLink 2 frame.
+/// assert_eq!(payload.frame(1, 196, 0, false).raw_bytes()[0], 0xFD);
+/// ```
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Payload {
     id: u32,
