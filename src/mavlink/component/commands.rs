@@ -4,12 +4,12 @@
 //! that is younger than this program, and just those are to be answered.
 //! Source: <https://mavlink.io/en/services/command.html>.
 
+use super::written::{ByHand, Written};
 use super::{Component, Destination, Priority, Sender};
-use crate::mavlink::dialect::{COMMAND_ACK_DATA, MavMessage};
+use crate::mavlink::dialect::COMMAND_ACK_DATA;
 use crate::mavlink::messages::{Payload, status};
 use fixed::types::{I16F16, I48F16};
-use mavlink_core::error::ParserError;
-use mavlink_core::{MavlinkVersion, MessageData};
+use mavlink_core::MessageData;
 
 const REQUEST_MESSAGE: u16 = 512;
 const SET_MESSAGE_INTERVAL: u16 = 511;
@@ -52,23 +52,15 @@ struct Acknowledgement {
     to: Sender,
 }
 
-impl MessageData for Acknowledgement {
-    type Message = MavMessage;
+impl Written for Acknowledgement {
     const ID: u32 = COMMAND_ACK_DATA::ID;
     const NAME: &'static str = COMMAND_ACK_DATA::NAME;
     const EXTRA_CRC: u8 = COMMAND_ACK_DATA::EXTRA_CRC;
     const ENCODED_LEN: usize = COMMAND_ACK_DATA::ENCODED_LEN;
 
-    fn ser(&self, _version: MavlinkVersion, payload: &mut [u8]) -> usize {
+    fn bytes(&self) -> impl AsRef<[u8]> {
         let [low, high] = self.command.to_le_bytes();
-        let fields =
-            [low, high, self.verdict as u8, 0, 0, 0, 0, 0, self.to.system, self.to.component];
-        payload[..fields.len()].copy_from_slice(&fields);
-        mavlink_core::utils::remove_trailing_zeroes(&payload[..fields.len()])
-    }
-
-    fn deser(_version: MavlinkVersion, _payload: &[u8]) -> Result<Self, ParserError> {
-        Err(ParserError::UnknownMessage { id: Self::ID })
+        [low, high, self.verdict as u8, 0, 0, 0, 0, 0, self.to.system, self.to.component]
     }
 }
 
@@ -159,7 +151,7 @@ impl Component {
         }
         let data = Acknowledgement { command: command.number, verdict, to: command.from };
         let to = Destination::Link(command.from.link);
-        self.say(to, command.component, Priority::Answer, &data);
+        self.say(to, command.component, Priority::Answer, &ByHand(data));
     }
 
     fn request(&mut self, command: &Command, camera: Option<u8>, now_us: i64) -> Verdict {

@@ -13,6 +13,7 @@ mod identity;
 pub mod parameters;
 mod requests;
 mod streams;
+mod written;
 
 use autopilot::{OTHERS, OtherVehicle};
 

@@ -5,14 +5,13 @@
 //! <https://mavlink.io/en/services/parameter.html>.
 
 use super::commands::Fields;
+use super::written::{ByHand, Written};
 use super::{Component, Destination, Priority, Sender};
 use crate::mavlink::dialect::{
-    FILE_TRANSFER_PROTOCOL_DATA, MISSION_COUNT_DATA, MISSION_REQUEST_LIST_DATA, MavMessage,
-    PARAM_ERROR_DATA,
+    FILE_TRANSFER_PROTOCOL_DATA, MISSION_COUNT_DATA, MISSION_REQUEST_LIST_DATA, PARAM_ERROR_DATA,
 };
-use mavlink_core::error::ParserError;
+use mavlink_core::MessageData;
 use mavlink_core::types::CharArray;
-use mavlink_core::{MavlinkVersion, MessageData};
 
 /// Numbers of messages of the mission protocol that ask for an answer.
 const MISSION_WRITE_PARTIAL_LIST: u32 = 38;
@@ -49,21 +48,14 @@ struct MissionAck {
     mission_type: u8,
 }
 
-impl MessageData for MissionAck {
-    type Message = MavMessage;
+impl Written for MissionAck {
     const ID: u32 = 47;
     const NAME: &'static str = "MISSION_ACK";
     const EXTRA_CRC: u8 = 153;
     const ENCODED_LEN: usize = 8;
 
-    fn ser(&self, _version: MavlinkVersion, payload: &mut [u8]) -> usize {
-        let fields = [self.to.system, self.to.component, self.result, self.mission_type];
-        payload[..fields.len()].copy_from_slice(&fields);
-        mavlink_core::utils::remove_trailing_zeroes(&payload[..fields.len()])
-    }
-
-    fn deser(_version: MavlinkVersion, _payload: &[u8]) -> Result<Self, ParserError> {
-        Err(ParserError::UnknownMessage { id: Self::ID })
+    fn bytes(&self) -> impl AsRef<[u8]> {
+        [self.to.system, self.to.component, self.result, self.mission_type]
     }
 }
 
@@ -73,21 +65,14 @@ struct NoMission {
     mission_type: u8,
 }
 
-impl MessageData for NoMission {
-    type Message = MavMessage;
+impl Written for NoMission {
     const ID: u32 = MISSION_COUNT_DATA::ID;
     const NAME: &'static str = MISSION_COUNT_DATA::NAME;
     const EXTRA_CRC: u8 = MISSION_COUNT_DATA::EXTRA_CRC;
     const ENCODED_LEN: usize = MISSION_COUNT_DATA::ENCODED_LEN;
 
-    fn ser(&self, _version: MavlinkVersion, payload: &mut [u8]) -> usize {
-        let fields = [0, 0, self.to.system, self.to.component, self.mission_type];
-        payload[..fields.len()].copy_from_slice(&fields);
-        mavlink_core::utils::remove_trailing_zeroes(&payload[..fields.len()])
-    }
-
-    fn deser(_version: MavlinkVersion, _payload: &[u8]) -> Result<Self, ParserError> {
-        Err(ParserError::UnknownMessage { id: Self::ID })
+    fn bytes(&self) -> impl AsRef<[u8]> {
+        [0, 0, self.to.system, self.to.component, self.mission_type]
     }
 }
 
@@ -122,12 +107,14 @@ impl Component {
         }
         let mission_type = fields.byte(mission_type);
         if id == MISSION_REQUEST_LIST_DATA::ID {
-            self.say(to, component, Priority::Answer, &NoMission { to: from, mission_type });
+            let answer = NoMission { to: from, mission_type };
+            self.say(to, component, Priority::Answer, &ByHand(answer));
             return;
         }
         let asks_for_item = matches!(id, MISSION_REQUEST | MISSION_REQUEST_INT);
         let result = if asks_for_item { INVALID_SEQUENCE } else { UNSUPPORTED };
-        self.say(to, component, Priority::Answer, &MissionAck { to: from, result, mission_type });
+        let answer = MissionAck { to: from, result, mission_type };
+        self.say(to, component, Priority::Answer, &ByHand(answer));
     }
 
     /// PARAM_ERROR (345), which younger clients understand, for a parameter by name or index.

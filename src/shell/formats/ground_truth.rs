@@ -10,7 +10,7 @@ use std::borrow::ToOwned;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::string::String;
+use std::string::{String, ToString};
 use std::vec::Vec;
 use std::{format, vec};
 
@@ -55,7 +55,17 @@ pub struct TruthBox {
 impl TruthBox {
     /// Its line of `gt.txt` in frame `frame` (from 1), with a line feed; [`super::clips::GroundTruth::parse`] reads it.
     pub fn line(&self, frame: u64) -> String {
-        let Self { id, left, top, width, height, class, visibility } = self;
+        self.line_of(frame, |pixels| pixels.to_string())
+    }
+
+    /// As [`TruthBox::line`], pixels rounded to two decimals.
+    pub fn rounded_line(&self, frame: u64) -> String {
+        self.line_of(frame, |pixels| format!("{pixels:.2}"))
+    }
+
+    fn line_of(&self, frame: u64, pixels: impl Fn(f64) -> String) -> String {
+        let Self { id, left, top, width, height, class, visibility } = *self;
+        let [left, top, width, height] = [left, top, width, height].map(pixels);
         let class = class.number();
         format!("{frame},{id},{left},{top},{width},{height},1,{class},{visibility:.1}\n")
     }
@@ -356,7 +366,6 @@ impl Notes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::string::ToString;
 
     fn parse(text: &str) -> Result<GroundTruth, String> {
         GroundTruth::parse(text, Path::new("clip/gt.txt")).map_err(|error| error.to_string())

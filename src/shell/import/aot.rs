@@ -5,7 +5,7 @@
 //! without a picture on this disk are left out of the sequence, with their labels, so that a part of a flight can be
 //! imported.
 
-use super::{Frames, ImportError, Label, Sequence, pictures};
+use super::{Frames, ImportError, Label, Sequence};
 use serde::Deserialize;
 use std::borrow::ToOwned;
 use std::collections::BTreeMap;
@@ -57,21 +57,8 @@ struct Blob {
 /// # Errors
 /// [`ImportError`] naming the file and the place.
 pub fn read(source: &Path) -> Result<Vec<Sequence>, ImportError> {
-    if !source.is_dir() {
-        let root = source.parent().unwrap_or(Path::new(""));
-        let above = root.ends_with("ImageSets").then(|| root.parent()).flatten();
-        return of_file(source, above.unwrap_or(root));
-    }
-    let mut sequences = Vec::new();
-    for path in pictures::files(source, &["json"])? {
-        match of_file(&path, path.parent().and_then(Path::parent).unwrap_or(source)) {
-            Ok(found) => sequences.extend(found),
-            // Some other JSON; one that is damaged is said.
-            Err(ImportError::Json { source, .. }) if source.is_data() => {}
-            Err(error) => return Err(error),
-        }
-    }
-    Ok(sequences)
+    let root = |path: &Path| path.parent().and_then(Path::parent).unwrap_or(source).to_owned();
+    super::of_json(source, "ImageSets", root, of_file)
 }
 
 fn of_file(path: &Path, root: &Path) -> Result<Vec<Sequence>, ImportError> {

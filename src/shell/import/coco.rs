@@ -5,6 +5,7 @@
 
 use super::{Frames, ImportError, Label, Sequence, pictures};
 use serde::Deserialize;
+use std::borrow::ToOwned;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -55,22 +56,8 @@ struct Named {
 /// # Errors
 /// [`ImportError`] naming the file and the place.
 pub fn read(source: &Path) -> Result<Vec<Sequence>, ImportError> {
-    if !source.is_dir() {
-        let root = source.parent().unwrap_or(Path::new(""));
-        // annotations/train.json lies beside images/.
-        let above = root.ends_with("annotations").then(|| root.parent()).flatten();
-        return of_file(source, above.unwrap_or(root));
-    }
-    let mut sequences = Vec::new();
-    for path in pictures::files(source, &["json"])? {
-        match of_file(&path, source) {
-            Ok(found) => sequences.extend(found),
-            // Some other JSON; one that is damaged is said.
-            Err(ImportError::Json { source, .. }) if source.is_data() => {}
-            Err(error) => return Err(error),
-        }
-    }
-    Ok(sequences)
+    // annotations/train.json lies beside images/.
+    super::of_json(source, "annotations", |_| source.to_owned(), of_file)
 }
 
 fn of_file(path: &Path, root: &Path) -> Result<Vec<Sequence>, ImportError> {

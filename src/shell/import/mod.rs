@@ -113,6 +113,32 @@ pub struct Label {
     pub visibility: f64,
 }
 
+/// Sequences of a JSON file, or of every JSON below a folder that has the form which `of_file` reads. `of_file` gets the
+/// file and the folder that pictures are relative to: for one in a folder named `labels` the folder above that, for
+/// others beside them, and below a folder what `root` says.
+fn of_json(
+    source: &Path,
+    labels: &str,
+    root: impl Fn(&Path) -> PathBuf,
+    of_file: impl Fn(&Path, &Path) -> Result<Vec<Sequence>, ImportError>,
+) -> Result<Vec<Sequence>, ImportError> {
+    if !source.is_dir() {
+        let beside = source.parent().unwrap_or(Path::new(""));
+        let above = beside.ends_with(labels).then(|| beside.parent()).flatten();
+        return of_file(source, above.unwrap_or(beside));
+    }
+    let mut sequences = Vec::new();
+    for path in pictures::files(source, &["json"])? {
+        match of_file(&path, &root(&path)) {
+            Ok(found) => sequences.extend(found),
+            // JSON of another form is left out, damaged JSON is an error.
+            Err(ImportError::Json { source, .. }) if source.is_data() => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(sequences)
+}
+
 fn parse_rate(text: &str) -> Result<f64, String> {
     let rate = text.parse::<f64>().ok().filter(|rate| (1e-3..=1e6).contains(rate));
     rate.ok_or_else(|| format!("'{text}' is not a number of frames a second"))

@@ -252,6 +252,15 @@ mod tests {
     use std::string::ToString;
     use std::{eprintln, fs};
 
+    /// Whether ffmpeg ran and succeeded; prints why a test is skipped if not.
+    fn encoded(status: std::io::Result<std::process::ExitStatus>) -> bool {
+        let encoded = status.is_ok_and(|status| status.success());
+        if !encoded {
+            eprintln!("skipped: ffmpeg is not installed");
+        }
+        encoded
+    }
+
     /// Writes a test video of 20 frames with the given name; `false` where there is no ffmpeg.
     fn test_video(path: &Path) -> bool {
         let made = Command::new("ffmpeg")
@@ -259,11 +268,7 @@ mod tests {
             .args(["-c:v", "mpeg4", "-movflags", "faststart"])
             .arg(std::format!("file:{}", path.display()))
             .status();
-        let made = made.is_ok_and(|status| status.success());
-        if !made {
-            eprintln!("skipped: ffmpeg is not installed");
-        }
-        made
+        encoded(made)
     }
 
     #[test]
@@ -306,8 +311,7 @@ mod tests {
             ])
             .arg(&path)
             .status();
-        if !made.is_ok_and(|status| status.success()) {
-            eprintln!("skipped: ffmpeg is not installed");
+        if !encoded(made) {
             return;
         }
         let mut source = Video::open(&path).unwrap();
@@ -345,8 +349,7 @@ mod tests {
             .args(["-flags", "+ildct+ilme", "-c:v", "mpeg2video"])
             .arg(&path)
             .status();
-        if !made.is_ok_and(|status| status.success()) {
-            eprintln!("skipped: ffmpeg is not installed");
+        if !encoded(made) {
             return;
         }
         let mut source = Video::open(&path).unwrap();
@@ -375,8 +378,7 @@ mod tests {
             .args(["-c:v", "libx264", "-g", "20", "-bf", "0", "-f", "h264"])
             .arg(&path)
             .status();
-        if !made.is_ok_and(|status| status.success()) {
-            eprintln!("skipped: ffmpeg is not installed, or has no libx264");
+        if !encoded(made) {
             return;
         }
         // From the middle of the first group of pictures on: without its parameters and its key frame.

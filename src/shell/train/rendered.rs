@@ -151,17 +151,8 @@ fn write(
 
 /// Adds the lines of a frame to `gt.txt` and `truth.csv`.
 fn lines(number: u64, fps: u32, truth: &FrameTruth, boxes: &mut String, truths: &mut String) {
-    for b in &truth.boxes {
-        let [left, top, width, height] = [b.left, b.top, b.width, b.height];
-        // A String takes all that is written to it.
-        let _ = writeln!(
-            boxes,
-            "{number},{},{left:.2},{top:.2},{width:.2},{height:.2},1,{},{:.1}",
-            b.id,
-            b.class.number(),
-            b.visibility
-        );
-    }
+    truth.boxes.iter().for_each(|b| *boxes += &b.rounded_line(number));
+    // A String takes all that is written to it.
     let [yaw, pitch, roll] = truth.attitude;
     let time = (number - 1) as f64 / f64::from(fps);
     let camera = format!("{number},{time:.4},{yaw:.6},{pitch:.6},{roll:.6}");
