@@ -51,23 +51,90 @@
 //! Below them lie [`math`], [`image`] and [`trees`]; beside them [`model`] (the model file) and [`camera`] (pixels to
 //! directions); above them `shell`, everything that needs an operating system.
 #![no_std]
+// A cast that may change a value is an error: `try_from`, or a reason. The exceptions are folders of arithmetic, named here
+// and in `shell/mod.rs`; a new folder has none. Tests cast freely. `cast_precision_loss` is off: counts and microseconds
+// are far below 2^53.
+#![cfg_attr(
+    not(test),
+    deny(clippy::cast_possible_truncation, clippy::cast_possible_wrap, clippy::cast_sign_loss,)
+)]
 
 #[cfg(any(test, feature = "simd"))]
 extern crate std;
 
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "fixed-point arithmetic: bounds stand beside the casts, tests compare with f64"
+)]
 pub mod boxes;
 pub mod camera;
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "pixels and cells of a frame, at most 2^16 a side; sums of bytes"
+)]
 pub mod channels;
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "fixed-point arithmetic: bounds stand beside the casts, tests compare with f64"
+)]
 pub mod detector;
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "pixels of a frame, at most 2^16 a side; sums of bytes"
+)]
 pub mod image;
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "fixed-point arithmetic: bounds stand beside the casts, tests compare with f64"
+)]
 pub mod math;
 #[cfg(feature = "mavlink")]
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "fixed-point numbers into the fields of messages, clamped before"
+)]
 pub mod mavlink;
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "sections of a file whose length is checked against 32 bits"
+)]
 pub mod model;
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "fixed-point arithmetic: bounds stand beside the casts, tests compare with f64"
+)]
 pub mod registration;
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "cells of a level, at most 2^15 a side; sums of bytes"
+)]
 pub mod scan;
 #[cfg(feature = "std")]
 pub mod shell;
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "fixed-point arithmetic: bounds stand beside the casts, tests compare with f64"
+)]
 pub mod stcube;
 pub mod tracking;
 pub mod trees;

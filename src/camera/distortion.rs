@@ -183,8 +183,7 @@ fn untilt(k: &[Real; 14], point: [Real; 2]) -> [Real; 2] {
 fn fisheye(k: &[Real; 4], t: Real) -> (Real, Real) {
     let t2 = t * t;
     let (mut value, mut slope) = (ZERO, ZERO);
-    for (n, k) in k.iter().enumerate().rev() {
-        let n = n as i32 + 1;
+    for (n, k) in [1, 2, 3, 4i32].into_iter().zip(k).rev() {
         value = value.saturating_add(*k).saturating_mul(t2);
         slope =
             slope.saturating_add(k.saturating_mul(Real::from_num(2 * n + 1))).saturating_mul(t2);

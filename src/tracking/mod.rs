@@ -240,7 +240,8 @@ fn rotation(camera: &Camera, background: &Motion) -> Option<Vector> {
     let (mut matrix, mut right) = ([[0i64; 3]; 3], [0i64; 3]);
     let q20 = |v: Real| v.to_bits() >> 12;
     for (i, j) in (0..POINTS).flat_map(|j| (0..POINTS).map(move |i| (i, j))) {
-        let place = |k: i32, side: u32| ((2 * k + 1) * side as i32 / (2 * POINTS)) << 8;
+        // A side is at most 65535 pixels.
+        let place = |k: i32, side: u32| ((2 * k + 1) * side.cast_signed() / (2 * POINTS)) << 8;
         let (x, y) = (place(i, spec.width), place(j, spec.height));
         let (old_x, old_y) = background.map(x, y);
         let sixteenths = |v: i32| I28F4::from_bits(v >> 4);

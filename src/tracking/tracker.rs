@@ -244,6 +244,7 @@ impl Track {
 }
 
 /// An eighth of the way from one score to another.
+#[expect(clippy::cast_possible_truncation, reason = "between two numbers of 32 bits")]
 fn towards(from: i32, to: i32) -> i32 {
     (i64::from(from) + ((i64::from(to) - i64::from(from)) >> 3)) as i32
 }

@@ -105,10 +105,10 @@ pub fn run(args: &DoctorArgs) -> Result<Ended, Error> {
     let mut examinations: Vec<Examination> = args.link.iter().map(examination).collect();
     let listen = !args.link.is_empty();
     while listen && now() < i64::from(args.seconds) * 1_000_000 && !interrupt::requested() {
-        for (index, examination) in examinations.iter_mut().enumerate() {
+        for (link, examination) in (0..=u8::MAX).zip(&mut examinations) {
             while let Some(payload) = examination.poll(now()) {
                 let message = Outgoing {
-                    to: Destination::Link(index as u8),
+                    to: Destination::Link(link),
                     priority: Priority::Urgent,
                     system_id: examination.system(),
                     component_id: COMPONENT,

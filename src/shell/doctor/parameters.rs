@@ -133,7 +133,7 @@ static ARDUPILOT: [Check; 10] = [
         old_name: None,
         purpose: Purpose::Proximity,
         always: false,
-        meaning: |value| match value as i64 & 2 {
+        meaning: |value| match bits(value) & 2 {
             0 => (Mark::Missing, "Loiter and AltHold do not heed proximity; add 2 to it"),
             _ => (Mark::Good, "Loiter and AltHold heed proximity"),
         },
@@ -243,7 +243,14 @@ impl Check {
     }
 }
 
+/// The bits of a parameter that is a set of flags.
+#[expect(clippy::cast_possible_truncation, reason = "saturates, and parameters hold 24 bits")]
+fn bits(value: f64) -> i64 {
+    value as i64
+}
+
 /// A value in the fewest digits that give the same `f32`, as it was on the wire.
+#[expect(clippy::cast_possible_truncation, reason = "rounds; compared just below")]
 fn shortest(value: f64) -> String {
     let single = value as f32;
     if f64::from(single) == value { format!("{single}") } else { format!("{value}") }

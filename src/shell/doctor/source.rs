@@ -212,7 +212,7 @@ fn in_characters(frame: &Frame) -> Vec<String> {
 }
 
 fn save(path: &Path, frame: &Frame) -> Result<(), FileError> {
-    let (width, height) = (frame.width as u32, frame.height as u32);
+    let (width, height) = frame.size();
     let picture = GrayImage::from_raw(width, height, frame.pixels.clone()).unwrap_or_default();
     let failed = |source: image::ImageError| FileError::write(path)(std::io::Error::other(source));
     picture.save_with_format(path, image::ImageFormat::Png).map_err(failed)

@@ -22,7 +22,8 @@ impl Bucket {
 
     /// Takes `bytes` if at least `floor` is left then.
     fn take(&mut self, bytes: usize, floor: i64) -> bool {
-        let after = self.left - bytes as i64 * 1_000_000;
+        let cost = i64::try_from(bytes).unwrap_or(i64::MAX).saturating_mul(1_000_000);
+        let after = self.left.saturating_sub(cost);
         let good = after >= floor;
         if good {
             self.left = after;
@@ -30,6 +31,13 @@ impl Bucket {
         good
     }
 }
+
+/// Bytes of the largest frame.
+const LARGEST: i64 = {
+    let bytes = mavlink_core::consts::MAX_FRAME_SIZE;
+    assert!(bytes < 1 << 16);
+    bytes.cast_signed() as i64
+};
 
 /// Bandwidth of one link.
 ///
@@ -51,7 +59,7 @@ impl Budget {
     pub fn new(bytes_per_second: u32) -> Self {
         let rate = i64::from(bytes_per_second);
         // A single answer has to fit on the slowest link.
-        let answers = (rate / 4).max(mavlink_core::consts::MAX_FRAME_SIZE as i64);
+        let answers = (rate / 4).max(LARGEST);
         Self { own: Bucket::new(rate), answers: Bucket::new(answers), last_us: None }
     }
 

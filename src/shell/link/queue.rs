@@ -42,7 +42,8 @@ impl Queue {
     /// Drops all frames, as when a link is opened again: they are out of date.
     pub fn clear(&self) {
         let mut frames = self.frames();
-        self.dropped.fetch_add(frames.len() as u32, Ordering::Relaxed);
+        let dropped = u32::try_from(frames.len()).unwrap_or(u32::MAX);
+        self.dropped.fetch_add(dropped, Ordering::Relaxed);
         frames.clear();
     }
 

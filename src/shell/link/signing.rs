@@ -101,9 +101,9 @@ pub fn read_key(path: &Path) -> io::Result<[u8; 32]> {
     let mut key = [0; 32];
     let mut good = digits.len() == 64;
     for (byte, pair) in key.iter_mut().zip(digits.chunks_exact(2)) {
-        let digit = |c: u8| char::from(c).to_digit(16);
+        let digit = |c: u8| char::from(c).to_digit(16).and_then(|digit| u8::try_from(digit).ok());
         match (digit(pair[0]), digit(pair[1])) {
-            (Some(high), Some(low)) => *byte = (high * 16 + low) as u8,
+            (Some(high), Some(low)) => *byte = high * 16 + low,
             _ => good = false,
         }
     }

@@ -405,14 +405,10 @@ impl Segment {
 
     fn picture(&mut self, name: &str, frame: &Frame, line: &str) -> io::Result<u64> {
         let mut png = Vec::new();
+        let (width, height) = frame.size();
         // Of a noisy picture nothing more is gained by harder work.
         PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Up)
-            .write_image(
-                &frame.pixels,
-                frame.width as u32,
-                frame.height as u32,
-                ExtendedColorType::L8,
-            )
+            .write_image(&frame.pixels, width, height, ExtendedColorType::L8)
             .map_err(io::Error::other)?;
         let path = self.folder.join("frames").join(name);
         // A picture cut off by a loss of power must not stop a replay; hidden ones are not read.

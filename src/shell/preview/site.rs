@@ -188,7 +188,8 @@ impl Site {
         let start = Instant::now();
         let picture = &shown.picture;
         let mut jpeg = Vec::new();
-        let (width, height) = (picture.width as u32, picture.height as u32);
+        let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
+        let (width, height) = (side(picture.width), side(picture.height));
         JpegEncoder::new_with_quality(&mut jpeg, QUALITY)
             .encode(&picture.pixels, width, height, ExtendedColorType::L8)
             .ok()?;

@@ -145,6 +145,7 @@ impl Telemetry {
             (Some(path), _) => {
                 let mut messages = flight_log::open(path)?;
                 let first = messages.next().transpose()?;
+                #[expect(clippy::cast_possible_truncation, reason = "saturates")]
                 let start_us = (args.tlog_start * 1e6).round() as i64;
                 let first_us = first.as_ref().map_or(0, |(time_us, _)| *time_us) + start_us;
                 let messages = first.into_iter().map(Ok).chain(messages);

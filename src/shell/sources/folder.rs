@@ -101,8 +101,14 @@ fn rate_beside(folder: &Path) -> Result<Option<(u32, u32)>, SourceError> {
         let Ok(text) = read_text(&path) else { continue };
         let Ok(value) = serde_json::from_str::<serde_json::Value>(&text) else { continue };
         let Some(rate) = value.get("fps") else { continue };
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "1 to 1,000,000"
+        )]
+        let thousandths = |rate: f64| (rate * 1000.0).round() as u32;
         return match rate.as_f64().filter(|rate| (1e-3..=1e3).contains(rate)) {
-            Some(rate) => Ok(Some(((rate * 1000.0).round() as u32, 1000))),
+            Some(rate) => Ok(Some((thousandths(rate), 1000))),
             None => Err(SourceError::Rate { path, rate: rate.clone() }),
         };
     }

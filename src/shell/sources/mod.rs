@@ -38,6 +38,12 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// Width and height, for encoders; saturated.
+    pub fn size(&self) -> (u32, u32) {
+        let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
+        (side(self.width), side(self.height))
+    }
+
     /// The frame as the core sees it.
     pub fn view(&self) -> Image<'_> {
         Image::packed(&self.pixels, self.width, self.height)

@@ -98,6 +98,7 @@ impl Control {
         }
     }
 
+    #[expect(clippy::cast_possible_truncation, reason = "the range was checked")]
     fn encode(&self, value: i64) -> [u8; 8] {
         if self.kind == Kind::Integer64 {
             return value.to_ne_bytes();

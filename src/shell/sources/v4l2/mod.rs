@@ -172,7 +172,8 @@ impl Camera {
     /// Format of what the camera sends, width and height of the frames.
     pub fn format(&self) -> (PixelFormat, u32, u32) {
         let Layout { format, width, height, .. } = self.converter.layout;
-        (format, width as u32, height as u32)
+        let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
+        (format, side(width), side(height))
     }
 
     /// Frames a second as a fraction, where the driver knows.

@@ -95,6 +95,7 @@ impl Header {
     }
 
     /// A sample as full-range grey.
+    #[expect(clippy::cast_possible_truncation, reason = "the quotient is at most 255")]
     pub fn grey(&self, sample: u16) -> u8 {
         let most = (1u32 << self.depth) - 1;
         let (black, range) = if self.limited_range {
@@ -103,7 +104,7 @@ impl Header {
             (0, most)
         };
         let above = u32::from(sample).clamp(black, black + range) - black;
-        // At most 65535 * 255, and the quotient at most 255.
+        // At most 65535 * 255.
         ((above * 255 + range / 2) / range) as u8
     }
 }

@@ -166,6 +166,7 @@ fn read_line(reader: &mut impl BufRead) -> io::Result<Option<Vec<u8>>> {
 }
 
 /// Limited-range luma (16 black, 235 white) to full range, rounded.
+#[expect(clippy::cast_possible_truncation, reason = "219 parts of 219 are 255")]
 pub(crate) fn expand(luma: u8) -> u8 {
     let above = u32::from(luma.clamp(16, 235)) - 16;
     ((above * 255 + 109) / 219) as u8
