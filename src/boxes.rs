@@ -1,10 +1,9 @@
-//! The box of an object, from a window that is stretched to it (level 5).
+//! Box refinement by cascaded regression on an anisotropically resampled window.
 //!
-//! The windows of scan and cubes are square: how much of one an object fills depends on its shape, and trees that tell
-//! its box from there know the shapes that they have seen. Here a window is twice as wide as a box and twice as high, so
-//! that all objects fill it alike and what is to be told is the same for all: where along each side the object ends.
-//! Trees say how far the box is off, it is moved, and a new window is cut: cascaded regression as in Dollár, Welinder
-//! and Perona, "Cascaded Pose Regression", CVPR 2010, of a place and two lengths.
+//! Windows of scan and cubes are square: the share that an object fills depends on its shape, so that regressors on them
+//! learn the shapes of the training data. Here the window is twice as wide and twice as high as the current box, and all
+//! objects fill it alike. Regression trees predict the box's error, the box is moved, and a new window is cut: Dollár,
+//! Welinder and Perona, "Cascaded Pose Regression", CVPR 2010, with a centre and two lengths as the pose.
 
 use crate::channels::scale_space::{Level, Pyramid};
 use crate::channels::window::{SUBCELL, WINDOW};
@@ -33,19 +32,19 @@ const MOVES: usize = 3;
 /// Pixels along a side of a stretched picture: the window's, and a cell more on either side for its gradients.
 const SIDE: usize = (WINDOW + 2) * CELL;
 
-/// Most points of a picture, along each side, that a stretched pixel is the mean of.
+/// Most samples along each side that a stretched pixel is the mean of.
 const MAX_POINTS: usize = 8;
 
-/// Shortest side of a box, Q4 pixels: less is below what a picture resolves.
+/// Shortest side of a box, Q4 pixels: the resolution of a picture.
 const SHORTEST: i32 = 2 << 4;
 
 /// Longest side of a box, Q4 pixels.
 const LONGEST: i32 = 4096 << 4;
 
-/// How many times longer than the other a side may be.
+/// Largest ratio of a box's sides.
 const FLATTEST: i32 = 8;
 
-/// A stretched picture.
+/// A picture resampled to a stretched window, row by row.
 type Picture = [u8; SIDE * SIDE];
 
 /// Energies of a window that is stretched to a box: the newest frame alone, resampled so that the box covers
@@ -120,7 +119,7 @@ fn mixed(start: &Rect, end: &Rect) -> Rect {
     }
 }
 
-/// A side that is moved by so many cells (Q8), then grown by a power of two (Q8) about its middle.
+/// Moves a side by `cells` (Q8), then scales it about its middle by 2 to the power of `log` (Q8).
 fn moved_side((start, length): (I28F4, I28F4), cells: i32, log: i32) -> (I28F4, I28F4) {
     let most = (WINDOW as i32) << 8;
     let length = i64::from(length.to_bits());
@@ -131,14 +130,14 @@ fn moved_side((start, length): (I28F4, I28F4), cells: i32, log: i32) -> (I28F4, 
     (q4(start), q4(grown))
 }
 
-/// A box moved by what the regressors say: see [`Fit::sides`].
+/// The box after a correction by the four regressors, in the order and units of [`Fit::sides`].
 pub fn moved(rect: &Rect, [right, down, wider, higher]: [i32; 4]) -> Rect {
     let (x, width) = moved_side((rect.x, rect.width), right, wider);
     let (y, height) = moved_side((rect.y, rect.height), down, higher);
     Rect { x, y, width, height }
 }
 
-/// A box about the same middle whose sides are within limits.
+/// A box with the same centre and its sides clamped to [`SHORTEST`], [`LONGEST`] and [`FLATTEST`].
 fn bounded(rect: &Rect) -> Rect {
     let longer = rect.width.max(rect.height).to_bits().clamp(SHORTEST, LONGEST);
     let side = |start: I28F4, length: I28F4| {
@@ -152,17 +151,17 @@ fn bounded(rect: &Rect) -> Rect {
     Rect { x, y, width, height }
 }
 
-/// Points of a picture along one side of a stretched one.
+/// Sample positions in a picture along one side of a stretched window.
 struct Axis {
-    /// Points of a pixel.
+    /// Samples of a stretched pixel.
     points: usize,
-    /// Of each point of each pixel the picture's pixel before it, and the weight of the one behind, Q8.
+    /// For each sample the pixel before it, and the weight of the next pixel, Q8.
     places: [(u16, u16); SIDE * MAX_POINTS],
 }
 
 impl Axis {
-    /// For a box's side in the frame, over `length` pixels of a picture, each of `scale` (Q16) pixels of the frame. What
-    /// is beyond the picture repeats its edge.
+    /// Samples for a box's side (start and length in pixels of the frame), in a picture of `length` pixels, each of
+    /// `scale` (Q16) pixels of the frame. Beyond the picture its edge pixels repeat.
     fn new((start, side): (I28F4, I28F4), scale: u32, length: usize) -> Self {
         // Q16 pixels of the frame.
         let q16 = |v: I28F4| i64::from(v.to_bits()) << 12;
@@ -182,13 +181,14 @@ impl Axis {
         Self { points: points as usize, places }
     }
 
-    /// The points of each pixel.
+    /// The samples of each stretched pixel.
     fn pixels(&self) -> impl Iterator<Item = &[(u16, u16)]> {
         self.places.chunks_exact(self.points.max(1))
     }
 }
 
-/// What the points of both axes are on average in `picture`, for each of their pixels. Panics if one is beyond it.
+/// Resamples `picture`: each pixel is the mean of bilinear samples at the points of both axes. Panics if a point is
+/// outside the picture.
 fn stretched(picture: &Image<'_>, x: &Axis, y: &Axis) -> Picture {
     let mut out = [0; SIDE * SIDE];
     let (last_x, last_y) = (picture.width().max(1) - 1, picture.height().max(1) - 1);
@@ -216,17 +216,17 @@ fn stretched(picture: &Image<'_>, x: &Axis, y: &Axis) -> Picture {
     out
 }
 
-/// Pixels of the outermost cells of a picture.
+/// Number of pixels in the outermost cells of a stretched picture.
 const AROUND: u32 = (SIDE * SIDE - (SIDE - 2 * CELL) * (SIDE - 2 * CELL)) as u32;
 
-/// The mean of the outermost cells of a picture.
+/// Mean grey level of the outermost cells of a stretched picture: the background's tone.
 fn tone_around(picture: &Picture) -> u8 {
     let edge = |i: usize| !(CELL..SIDE - CELL).contains(&i);
     let around = picture.iter().enumerate().filter(|(n, _)| edge(n % SIDE) || edge(n / SIDE));
     (around.map(|(_, &v)| u32::from(v)).sum::<u32>() / AROUND) as u8
 }
 
-/// [`NEWEST_CHANNELS`] of the cells of the window; its last row and column are not looked at.
+/// [`NEWEST_CHANNELS`] of the cells of the window; the last row and column are not used and stay 0.
 fn newest(grey: &Picture, [far, near, plain]: [&Picture; 3]) -> Square<{ WINDOW + 1 }> {
     let tone = tone_around(grey);
     let mut cells: Square<{ WINDOW + 1 }> = Default::default();

@@ -1,8 +1,7 @@
 //! Boosted decision trees evaluated where their bytes lie (level 1).
 //!
-//! Every tree is a complete binary tree of the same depth, so that a walk takes `depth` steps whatever the
-//! bytes say and cannot fail. The trees know no image: a caller answers each node's question
-//! `test(feature, threshold)`, which for a feature with a value means "is the value above the threshold?".
+//! Every tree is a complete binary tree of the same depth, so that evaluation takes `depth` steps for any bytes and cannot
+//! fail. Features are the caller's: `test(feature, threshold)` is whether the feature's value is above the threshold.
 //!
 //! # Bytes
 //! Little-endian, without padding; a multiple of 4 bytes long.
@@ -59,7 +58,7 @@ pub enum ForestError {
         /// Trees.
         trees: u16,
     },
-    /// A node asks for a feature that does not exist.
+    /// A node tests a feature that does not exist.
     Feature {
         /// The tree, counted from 0.
         tree: usize,
@@ -95,14 +94,14 @@ impl core::error::Error for ForestError {}
 /// An inner node of a tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Node {
-    /// The feature to look at.
+    /// Number of the feature that is tested.
     pub feature: u16,
     /// To the right if the feature's value is above this.
     pub threshold: u16,
 }
 
 impl Node {
-    /// A node that no value passes: its walk always goes to the left.
+    /// A node whose test is always false: evaluation continues to the left.
     pub const LEFT: Self = Self { feature: 0, threshold: u16::MAX };
 
     #[inline]

@@ -6,10 +6,10 @@ use crate::math::real::Real;
 /// Attitudes kept: 1.3 s at 50 a second.
 const KEPT: usize = 64;
 
-/// Longest time between two attitudes that is bridged, and longest jump that is none, in microseconds.
+/// Longest time between two attitudes that are interpolated, in microseconds.
 const GAP: i64 = 250_000;
 
-/// Longest time beyond the newest attitude that is foretold, in microseconds.
+/// Longest extrapolation beyond the newest attitude, in microseconds.
 const BEYOND: i64 = 60_000;
 
 /// An attitude older than the newest by more than this means that the clock was set back, in microseconds.
@@ -38,13 +38,13 @@ pub struct Attitudes {
 }
 
 impl Attitudes {
-    /// None known.
+    /// An empty buffer.
     pub const fn new() -> Self {
         Self { kept: heapless::Vec::new() }
     }
 
-    /// Takes the attitude at `time_us`, in microseconds of the clock of the frames. Late ones are put where they belong;
-    /// one that is a second older than the newest starts anew, for its clock was set back.
+    /// Inserts the attitude at `time_us`, microseconds on the clock of the frames, in the order of times. One that is a second
+    /// older than the newest clears the buffer before: its clock was set back.
     pub fn push(&mut self, time_us: i64, attitude: Attitude) {
         if self.kept.last().is_some_and(|(newest, _)| time_us < newest.saturating_sub(SET_BACK)) {
             self.kept.clear();

@@ -1,4 +1,4 @@
-//! From a point in the picture to a direction, and back (level 2).
+//! Camera model: pixels to directions and back (level 2).
 //!
 //! A camera has a [`Lens`], focal lengths and an optical axis, as OpenCV's calibration finds them. OpenCV puts the centre of a pixel at whole numbers; points of this
 //! crate's pictures are half a pixel further (see [`crate::image`]), which is taken care of here.
@@ -18,13 +18,13 @@ use fixed::types::I28F4;
 /// printed on a lens and what a calibration finds.
 const ROUGH_SCALE: Real = ratio(1, 20);
 
-/// Error of the optical axis then, in parts of the picture's width.
+/// Error of the optical axis in that case, in parts of the picture's width.
 const ROUGH_CENTRE: Real = ratio(1, 50);
 
 /// Error of a calibrated camera: a pixel.
 const CALIBRATED: Real = ONE;
 
-/// Numbers of a camera, as OpenCV has them.
+/// Intrinsic parameters of a camera in OpenCV's convention.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Intrinsics {
     /// Width of the picture in pixels.
@@ -39,7 +39,7 @@ pub struct Intrinsics {
     pub lens: Lens,
 }
 
-/// Why numbers make no [`Camera`].
+/// Why intrinsic parameters are refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CameraError {
     /// The picture is not 1 to 65535 pixels wide and high.
@@ -186,7 +186,7 @@ impl Camera {
         Some(Self { intrinsics, centre_error: scale(self.centre_error).max(CALIBRATED), ..*self })
     }
 
-    /// Its numbers.
+    /// Intrinsic parameters.
     pub const fn intrinsics(&self) -> &Intrinsics {
         &self.intrinsics
     }

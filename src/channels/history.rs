@@ -1,6 +1,6 @@
-//! What is kept of the last frames (level 1).
+//! Number and size of the frames that the front end keeps (level 1).
 
-/// What is kept of the last frames, and how far back is looked.
+/// Frames that the front end keeps, and the lags of its differences.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u8)]
 pub enum History {

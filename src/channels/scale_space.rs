@@ -1,7 +1,6 @@
 //! The pyramid of a frame and its memory (level 4).
 //!
-//! Targets of every size are looked for with one window: level i shows the frame `2^(i / scales_per_octave)` times
-//! smaller. Levels of the first octave are resampled from the frame, the others are halves of those an octave finer.
+//! One window size finds targets of all sizes: level i is the frame reduced by `2^(i / scales_per_octave)`. Levels of the first octave are resampled from the frame, the others are halves of those an octave finer.
 
 use crate::channels::history::History;
 use crate::channels::window::{PADDING, Position, SLICES, WINDOW, boxed};
@@ -21,7 +20,7 @@ pub const TARGET_CELLS: usize = WINDOW / 2;
 /// Length in pixels of the frame of the nominal target of level 0.
 pub const FINEST_TARGET: usize = TARGET_CELLS * CELL;
 
-/// Pictures of a frame, halved up to three times: what registration looks at too.
+/// Levels of the frame's own halvings: the frame and three reductions by 2, which registration uses too.
 pub const HALVINGS: usize = 4;
 
 /// A frame, its half, its quarter and its eighth.
@@ -70,7 +69,7 @@ impl Level {
         self.width * self.height
     }
 
-    /// How many times the level is the frame halved, if it is and that is kept.
+    /// Number of halvings of the frame that give this level, if it is one of [`Halvings`].
     const fn halvings(&self) -> Option<usize> {
         let octave = self.scale.trailing_zeros() as usize;
         let halved = self.scale.is_power_of_two() && octave >= 16 && octave < 16 + HALVINGS;
@@ -178,7 +177,7 @@ impl Geometry {
         self.scales_per_octave
     }
 
-    /// What is kept of older frames.
+    /// Number and size of the frames that are kept.
     pub const fn history(&self) -> History {
         self.history
     }
@@ -286,7 +285,7 @@ pub struct Pictures<'a> {
     pub number: u8,
     /// Size and place.
     pub level: Level,
-    /// What is kept of the last frames, newest first; a history without slices has the newest alone. Frames not yet seen
+    /// The level in the last frames, newest first; `None` for slices that the history does not keep. Frames not yet seen
     /// repeat the oldest.
     pub slices: [Option<Slice<'a>>; SLICES],
     /// The newest frame.

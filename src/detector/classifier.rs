@@ -40,7 +40,7 @@ pub struct Scored {
 }
 
 impl Scored {
-    /// Surest first; ties by place, so that the order is the same on every machine.
+    /// Sort key: highest score first; ties by position, so that the order is the same on every machine.
     pub fn rank(&self) -> impl Ord + use<> {
         let Detection { rect, score, .. } = self.detection;
         (Reverse(score), rect.x, rect.y, rect.width, rect.height)
@@ -162,8 +162,8 @@ impl CubeClassifier<'_> {
         cube.exceeds(self.model.features(), feature, threshold)
     }
 
-    /// Cuts the cube of a candidate from the window at `start` of its level: Algorithm 1, and what is known beside the
-    /// channels.
+    /// Cuts the cube of a candidate from the window at `start` of its level: slices aligned by [`Method::alignment`], and the
+    /// scalars.
     pub fn cut(&self, candidate: &Candidate, start: Position, cube: &mut Cube) -> Path {
         let level = &self.channels.pyramid.level(usize::from(candidate.level));
         cube.scalars = [0; SCALARS];
@@ -215,7 +215,7 @@ impl CubeClassifier<'_> {
     }
 }
 
-/// Where the slices of a path are, relative to the newest.
+/// Positions of the older slices relative to the newest, pixels of the frame.
 fn shifts(path: &Path, scale: u32) -> [Shift; SHIFTS] {
     let [(x, y), older @ ..] = path.positions.map(|position| position.centre(scale));
     older.map(|at| Shift {

@@ -1,4 +1,4 @@
-//! What was found in a frame (level 1).
+//! Detections: box, score, motion over the slices (level 1).
 
 use crate::image::Rect;
 use fixed::types::I28F4;
@@ -20,7 +20,7 @@ pub struct Shift {
 pub struct Detection {
     /// Its box in the frame.
     pub rect: Rect,
-    /// How sure the detector is: log-odds in Q16, larger is surer; any sign.
+    /// Log-odds that the box shows a target, Q16; any sign.
     pub score: i32,
     /// Where the object's centre was 1, 2, .. frames ago, relative to its centre now.
     pub shifts: [Shift; SHIFTS],

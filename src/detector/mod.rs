@@ -33,14 +33,14 @@ pub const MAX_DETECTIONS: usize = 64;
 /// Detections that are refined per frame, the best ones, by [`History`].
 const MAX_REFINED: [usize; 2] = [10, 3];
 
-/// Candidates that one thread judges at a time.
+/// Candidates that one thread classifies at a time.
 const PIECE: usize = 4;
 
 /// Overlap (IoU, Q8) above which the weaker of two detections goes.
 const DETECTION_OVERLAP: u8 = 64;
 
-/// Range of target sizes in pixels along the longer side: what [`Config`] covers unless told otherwise. A frame that is too
-/// small for the largest of them is searched up to its own size.
+/// Default range of target sizes of [`Config`], pixels along the longer side. A frame that is too small for the largest is
+/// searched up to its own size.
 pub const TARGETS: (usize, usize) = (10, 240);
 
 /// Longest time between two frames of one history, microseconds: [`Detector::process`].
@@ -247,7 +247,7 @@ impl Stage {
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Detections {
-    /// The detections, surest first.
+    /// The detections, highest score first.
     pub list: heapless::Vec<Detection, MAX_DETECTIONS>,
     /// Proposals: boxes of the nominal target in the windows kept by the scan, best first.
     pub proposals: heapless::Vec<Rect, MAX_CANDIDATES>,

@@ -1,8 +1,8 @@
 //! Recursive averaging of detection scores and sizes over frames.
 //!
-//! An aircraft is where it was, give or take its motion; a false alarm often is not. A detection's score becomes the
-//! mean of its own and of what was found, a frame ago, where Algorithm 1 says that the object was; that one's score is
-//! such a mean itself, so that the past fades by half each frame. Sizes, which change slowly, are averaged alike.
+//! Targets persist from frame to frame along their motion, false alarms often do not. A detection's score becomes the mean
+//! of its own score and that of the previous frame's detection at the position that Algorithm 1 gives, which is such a mean
+//! itself: weights halve with each frame. Sizes, which change slowly, are averaged alike.
 
 use crate::image::Rect;
 
@@ -19,7 +19,7 @@ pub struct Persistence<const N: usize> {
 }
 
 impl<const N: usize> Persistence<N> {
-    /// Nothing seen yet.
+    /// Without a previous frame.
     pub const fn new() -> Self {
         Self { last: heapless::Vec::new() }
     }
@@ -29,7 +29,7 @@ impl<const N: usize> Persistence<N> {
         self.last.clear();
     }
 
-    /// Score and box of a detection in view of the last frame, where it was at `before`.
+    /// The box and score averaged with the previous frame's detection that overlaps `before`, or with a prior if none does.
     pub fn weigh(&self, rect: Rect, score: i32, before: Rect) -> (Rect, i32) {
         let same = self.last.iter().filter(|(last, _)| last.overlaps(&before, OVERLAP));
         let Some((last, past)) = same.max_by_key(|(_, past)| *past) else {
@@ -45,7 +45,7 @@ impl<const N: usize> Persistence<N> {
         (rect, midpoint(score, (*past).max(UNSEEN)))
     }
 
-    /// Takes the weighed detections of a frame for the last ones; those beyond the room for them are forgotten.
+    /// Stores the averaged detections of a frame for the next one, at most `N`.
     pub fn remember(&mut self, detections: impl Iterator<Item = (Rect, i32)>) {
         self.last = detections.take(N).collect();
     }

@@ -1,4 +1,4 @@
-//! Smaller copies of a picture (level 1).
+//! Reduction of pictures: by two, and by fractions of an octave (level 1).
 
 use crate::image::Image;
 use crate::math::threads;

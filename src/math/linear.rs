@@ -49,7 +49,7 @@ fn divide(a: i128, b: i128) -> i128 {
 fn quotient(a: u128, b: u64) -> i128 {
     let Some(shift) = b.checked_ilog2().map(|log| 63 - log) else { return 0 };
     let high = (a >> 64) as u64;
-    // With the divisor's first bit set, two digits of it tell a digit of the quotient but for two.
+    // With the divisor's first bit set, its first two digits give a digit of the quotient that is at most two too large.
     let (first, divisor) = (high / b, b << shift);
     let rest = (u128::from(high % b) << 64 | u128::from(a as u64)) << shift;
     let (upper, lower) = (divisor >> 32, divisor & 0xffff_ffff);

@@ -154,7 +154,7 @@ pub fn unit(a: Vector) -> Vector {
     a.map(|v| v / length)
 }
 
-/// What of `a` is square to the unit vector `axis`.
+/// Rejection: the component of `a` perpendicular to the unit vector `axis`.
 pub fn across(a: Vector, axis: Vector) -> Vector {
     add(a, axis, -dot(a, axis))
 }

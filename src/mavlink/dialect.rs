@@ -16,7 +16,7 @@ pub use generated::dialect::*;
 /// Frames of all messages of ArduPilot's dialect, of which only those of [`MavMessage`] can be decoded.
 ///
 /// The checksum of a frame covers a byte that depends on the message, CRC_EXTRA. Where it is not known, a reader cannot
-/// tell a frame from noise: it searches for the next one inside its payload, and may wait there for bytes that are not
+/// distinguish a frame from noise: it searches for the next one inside its payload, and may wait there for bytes that are not
 /// part of any frame. Source: <https://mavlink.io/en/guide/serialization.html#crc_extra>.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Frames;

@@ -1,4 +1,4 @@
-//! The lookout behind its detector: tracks, threat and MAVLink component on one clock, that of the frames (level 9).
+//! Tracker, threat and MAVLink component joined, on the clock of the frames (level 9).
 //!
 //! Without I/O: a recorded flight, a live one and a board without an operating system run the same code.
 
@@ -22,7 +22,7 @@ const QUATERNION_BITS: u32 = 30;
 /// Events that wait to be taken.
 const EVENTS: usize = 8;
 
-/// Watches one camera's detections and speaks MAVLink about them.
+/// Tracks one camera's detections and reports them over MAVLink.
 ///
 /// ```
 /// use lookout::camera::Camera;
@@ -56,7 +56,7 @@ pub struct Onboard {
 }
 
 impl Onboard {
-    /// Has heard and seen nothing yet. `tracks` are the settings for the scores of the model in use
+    /// Without traffic and without an autopilot. `tracks` are the settings for the scores of the model in use
     /// ([`tracker::Settings::calibrated`]); `parameters` make them stricter or laxer.
     pub fn new(
         camera: Camera,
@@ -75,25 +75,25 @@ impl Onboard {
         }
     }
 
-    /// Hears a frame that came over `link` at `now_us`.
+    /// Handles a MAVLink frame received on `link` at `now_us`.
     pub fn hear(&mut self, link: u8, frame: &MAVLinkMessageRaw, trust: Trust, now_us: i64) {
         self.component.receive(link, frame, trust, now_us);
         self.heed();
     }
 
-    /// Looks through another camera from now on; every track ends.
+    /// Changes the camera; every track ends.
     pub fn set_camera(&mut self, camera: Camera) {
         self.watch = Watch::new(settings(self.tracks, self.component.parameters()), camera);
     }
 
-    /// Takes how many frames were left out since the start, and why nothing can be seen, if so; told with the next frame.
+    /// Sets the number of frames dropped since the start and the reasons for a blocked view, reported with the next frame.
     pub fn report(&mut self, dropped: u32, blind: Blind) {
         self.health.dropped = dropped;
         self.health.blind = blind;
     }
 
-    /// Takes what the detector found in the frame taken at `time_us` and finished at `now_us`; gives the objects that are
-    /// followed.
+    /// Updates the tracks with the detections of the frame taken at `time_us` and finished at `now_us`. Returns the tracks
+    /// with their threat.
     pub fn see(
         &mut self,
         found: &Detections,
@@ -109,7 +109,7 @@ impl Onboard {
         traffic
     }
 
-    /// The next message to send; to be called until there is none, every 20 ms or so.
+    /// The next message to send. Call it about every 20 ms until it returns `None`.
     pub fn poll(&mut self, now_us: i64) -> Option<Outgoing> {
         let message = self.component.poll(now_us);
         self.heed();
@@ -131,7 +131,7 @@ impl Onboard {
         self.watch.camera()
     }
 
-    /// The next thing that happened, oldest first; attitudes are not told, and of too many events the oldest are lost.
+    /// The next event, oldest first. Attitudes are handled here; when the queue is full the oldest event is dropped.
     pub fn event(&mut self) -> Option<Event> {
         self.events.pop_front()
     }
@@ -167,7 +167,7 @@ impl Onboard {
     }
 }
 
-/// How tracks are made and judged under these parameters.
+/// Settings of tracker and alerts under these parameters.
 fn settings(tracks: tracker::Settings, parameters: &Parameters) -> Settings {
     let real = |parameter| Real::from(parameters.get(parameter));
     let mut settings = Settings { track: tracks, ..Settings::default() };

@@ -1,4 +1,4 @@
-//! What a score is worth: the share of detections of that score or more that are right (level 1).
+//! Score calibration: a table of the precision at each score (level 1).
 //!
 //! Little-endian knots of 8 bytes: score (`i32`, Q16), precision (`u32`, Q16, at most 1). Scores rise strictly,
 //! precisions never fall. Measured by the trainer on clips held back; a model may have none.
@@ -12,7 +12,7 @@ const KNOT: usize = 8;
 /// A precision of 1.
 pub const ONE: u32 = 1 << 16;
 
-/// A score and what it is worth.
+/// A score and the precision from it on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Knot {
     /// Log-odds, Q16, as [`crate::detector::detection::Detection::score`].

@@ -49,7 +49,7 @@ pub enum Section {
     BoxWidth,
     /// Height of the box.
     BoxHeight,
-    /// What a score is worth; may be empty.
+    /// Table from scores to precisions ([`calibration`]); may be empty.
     Calibration,
     /// Features of a window that is stretched to a box, for the trees below.
     FitFeatures,
@@ -85,7 +85,7 @@ impl Section {
         Self::FitHeight,
     ];
 
-    /// What fits boxes: all of them are there, or all are empty.
+    /// Sections of the box refinement: all of them are there, or all are empty.
     pub const FIT: [Self; 5] =
         [Self::FitFeatures, Self::FitX, Self::FitY, Self::FitWidth, Self::FitHeight];
 
@@ -128,8 +128,8 @@ const fn header(version: u16) -> usize {
     28 + 4 * Section::count(version)
 }
 
-/// What the trees depend on and cannot be changed: window, cell, orientations, slices, channels of the map. Behind
-/// them stands the [`Method`] (3 bytes).
+/// Compile-time geometry that a model must match: window, cell, orientations, slices, channels of the map. The [`Method`]
+/// (3 bytes) follows it in the file.
 pub const GEOMETRY: [u8; 5] =
     [WINDOW as u8, CELL as u8, ORIENTATIONS as u8, SLICES as u8, MAP_CHANNELS as u8];
 
@@ -158,7 +158,7 @@ pub enum ModelError {
     Trees {
         /// The section.
         section: Section,
-        /// What is wrong with them.
+        /// The reason.
         error: ForestError,
     },
     /// A section's content is not valid.
@@ -384,7 +384,7 @@ impl<'m> Model<'m> {
         &self.boxes
     }
 
-    /// What a score is worth; without knots where that was not measured.
+    /// Table from scores to precisions; without knots where none was measured.
     pub fn calibration(&self) -> &Calibration<'m> {
         &self.calibration
     }

@@ -1,4 +1,4 @@
-//! Motion of a whole picture, and its robust fit to the motion of single points (level 1).
+//! Global motion between two frames, and its robust fit to the shifts of corners (level 1).
 //!
 //! Far background seen by a turning camera moves, to first order, by quadratic polynomials with eight parameters
 //! (Longuet-Higgins & Prazdny 1980; "planar motion"), which need no division for a point and are linear in the
@@ -18,10 +18,10 @@ const MIN_THRESHOLD: i64 = 256;
 /// Fewest corners that agree in a valid motion.
 const MIN_INLIERS: usize = 10;
 
-/// Largest median distance of the corners from a valid motion, in pixels, Q8.
+/// Largest median residual of the corners in a valid motion, in pixels, Q8.
 const MAX_MEDIAN: i64 = 3 << 7;
 
-/// A motion that explains a corner's shift no better than this, on average, is none, in pixels, Q8.
+/// Least mean improvement over no motion for a motion to be used, in pixels, Q8.
 const STILLNESS: i64 = 8;
 
 /// Weight of the prior that all parameters but the translation are 0: a 16th of a corner at distance 1, in the units
@@ -127,8 +127,8 @@ pub(crate) struct Sample {
     pub(crate) dy: i32,
 }
 
-/// The motion with up to `unknowns` parameters that most samples agree on: least squares, reweighted (Tukey's biweight)
-/// with a threshold that follows the median distance down. Starts from the median shift.
+/// Robust fit of a motion with up to `unknowns` parameters: iteratively reweighted least squares with Tukey's biweight,
+/// whose threshold is three times the median distance of each round. Starts from the median shift.
 #[inline(never)]
 pub(crate) fn fit(still: Motion, samples: &[Sample], unknowns: usize) -> Motion {
     if samples.len() < MIN_INLIERS {
@@ -150,7 +150,7 @@ pub(crate) fn fit(still: Motion, samples: &[Sample], unknowns: usize) -> Motion 
     }
     let inliers = far.iter().filter(|&&distance| i64::from(distance) < threshold).count();
     let valid = inliers >= MIN_INLIERS && threshold <= 3 * MAX_MEDIAN;
-    // A camera on a tripod: what the noise of few corners adds to no motion would only do harm far from them.
+    // A camera on a tripod: a motion fitted to the noise of few corners extrapolates badly.
     let count = samples.len() as i64;
     let unmoved = misfit(&distances(&still, samples));
     if unmoved <= misfit(&far) * 9 / 8 + count * STILLNESS {

@@ -1,4 +1,4 @@
-//! Sparse optical flow: corners, and where they were in another picture (level 1).
+//! Sparse optical flow: corner detection and tracking (level 1).
 //!
 //! Corners after Harris & Stephens (1988), tracking after Lucas & Kanade (1981) in the form whose gradients are those
 //! of the template, one level of a pyramid at a time. All in integers.
@@ -11,26 +11,26 @@ pub const WINDOW: usize = 10;
 /// Pixels between a corner and the picture's edge, so that the window with its gradients fits.
 pub const MARGIN: usize = WINDOW / 2 + 2;
 
-/// Side of the blocks in which corners are sought.
+/// Side of the blocks in which corners are detected.
 const BLOCK: usize = 8;
 
-/// A gradient counts no more than this, in grey levels over two pixels: one hard edge must not outdo a corner, and
-/// sums over 3x3 pixels stay within 16 bits.
+/// Gradients are clamped to this, in grey levels over two pixels: a single strong edge must not exceed a corner's
+/// response, and sums over 3x3 pixels stay within 16 bits.
 const GRADIENT_LIMIT: i16 = 60;
 
-/// Least corner response, above what noise and compression leave in a plain sky.
+/// Least corner response, above that of noise and compression in a plain sky.
 const MIN_CORNER: i32 = 20_000;
 
 /// Steps of Gauss and Newton for one point.
 const MAX_STEPS: usize = 6;
 
-/// A step shorter than this ends the search, in pixels, Q8: what the sampling at sixteenths of a pixel resolves.
+/// A step shorter than this ends the iteration, in pixels, Q8: the resolution of sampling at sixteenths of a pixel.
 const SHORT_STEP: i32 = 16;
 
 /// Longest single step, in pixels, Q8.
 const LONG_STEP: i64 = 3 << 8;
 
-/// Farthest end of the search from its start, in pixels, Q8.
+/// Largest total shift, in pixels, Q8.
 const MAX_SHIFT: i32 = (WINDOW as i32) << 7;
 
 /// Least eigenvalue of the window's gradient matrix (2^22 is a mean gradient of one grey level a pixel).

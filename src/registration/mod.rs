@@ -1,7 +1,7 @@
-//! The camera's own motion: where each point of the background was one frame before (level 2).
+//! Registration: the motion of the background from frame to frame (level 2).
 //!
-//! Corners of the new frame are tracked into the last one, from an eighth of the resolution to a half; at each step
-//! a motion of the whole picture is fitted to them robustly, and guides the next.
+//! Corners of the new frame are tracked into the last one, coarse to fine, from an eighth of the resolution to a half. On
+//! each level a global motion is fitted to them robustly and predicts the shifts on the next level.
 //!
 //! A further, local correction does not pay: on `airborne/train` even the best shift of each 32x32 block (which moves
 //! the targets too) lowers the mean difference by 5 % and the tolerant one by nothing.
@@ -28,10 +28,10 @@ const _: () = assert!(COLUMNS * ROWS <= MAX_SAMPLES);
 /// Smallest side of a cell, in pixels of the frame's half: fewer corners in small frames.
 const MIN_CELL: usize = 8;
 
-/// Corners that one thread seeks or tracks at a time.
+/// Corners that one thread detects or tracks at a time.
 const PIECE: usize = 30;
 
-/// Where corners are sought.
+/// Density of the corners.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Search {
     /// Everywhere.
@@ -43,13 +43,13 @@ pub enum Search {
 /// Smallest side of a level that is used beside the finest, in pixels of the level.
 const MIN_SIDE: usize = 48;
 
-/// Longer shifts are not believed, in pixels of the frame, Q8. Keeps the normal equations below 2^46.
+/// Largest shift of a corner, in pixels of the frame, Q8; larger ones are dropped. Keeps the normal equations below 2^46.
 const MAX_SHIFT: i32 = 512 << 8;
 
 /// The corners of a frame that could be tracked.
 type Samples = heapless::Vec<Sample, MAX_SAMPLES>;
 
-/// Measures the motion of the background from frame to frame. Its memory is the caller's.
+/// Measures the motion of the background from frame to frame, in the caller's memory.
 #[derive(Debug, Clone)]
 pub struct Registration {
     width: usize,

@@ -1,4 +1,4 @@
-//! An older frame seen from where the camera is now, and what differs (level 3).
+//! Warping of an older frame to the newest one, and temporal differences (level 3).
 
 use crate::image::Image;
 use crate::math::threads;

@@ -1,10 +1,10 @@
-//! Algorithm 1: regressors keep the object in the middle of every slice (level 5).
+//! Algorithm 1 of the paper, object-centric motion compensation: regressors centre every slice on the object (level 5).
 //!
-//! For each slice, from the newest back in time: cut the patch, let φ_h and φ_v say from its HoG how far the object is
-//! from the middle, move the patch there, and repeat while the last move was longer than ε and fewer than n_max moves
-//! were made. (The paper prints the loop's test the wrong way round; without n_max it need not end.) An older slice
-//! starts where the background's motion puts the object's last place, so that what is left to find is the object's
-//! motion against the background.
+//! For each slice, from the newest back in time: cut the patch, predict from its HoG the object's offset from the middle
+//! (φ_h, φ_v), move the patch there, and repeat while the last move was longer than ε and fewer than n_max moves were
+//! made. (The paper prints the loop's test the wrong way round; without n_max it need not end.) An older slice starts at
+//! the object's last position moved with the background, so that the residual is the object's motion relative to the
+//! background.
 
 use crate::channels::front_end::Slices;
 pub use crate::channels::method::Alignment;
@@ -13,7 +13,7 @@ use crate::stcube::cube::{Cube, Patch, SCALARS, Scalar};
 use crate::stcube::feature::Features;
 use crate::trees::Forest;
 
-/// Fraction bits of what φ_h and φ_v give: cells in Q8.
+/// Fraction bits of the offsets that φ_h and φ_v predict: cells in Q8.
 pub const OFFSET_BITS: u32 = 8;
 
 /// ε²: the loop ends when the last move was no longer, in quarters of a cell (pixels of the paper's 40x40 window).
@@ -22,7 +22,7 @@ const EPSILON_SQUARED: i32 = 1;
 /// n_max: most moves of one slice.
 pub const MAX_MOVES: usize = 4;
 
-/// Farthest a slice may go from where it started, in quarters of a cell: half a window.
+/// Largest residual shift of a slice, in quarters of a cell: half a window. Predictions beyond it are clamped.
 const FARTHEST: i32 = WINDOW as i32 * SUBCELL / 2;
 
 /// φ_h and φ_v, and the features that their trees ask for.
@@ -44,18 +44,18 @@ impl Regressors<'_> {
     }
 }
 
-/// Where Algorithm 1 put the slices.
+/// Trajectory of the window through the slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Path {
     /// The window in each slice, newest first.
     pub positions: [Position; SLICES],
-    /// How far each slice was moved from where the background's motion had put it, quarters of a cell.
+    /// Residual shift of each slice relative to the background's motion, quarters of a cell.
     pub moved: [Position; SLICES],
     /// Moves of all slices together.
     pub moves: u32,
     /// Moves of each slice.
     pub slice_moves: [u8; SLICES],
-    /// Whether the regressors came to rest in a slice: its last move was no longer than ε. Otherwise n_max ended it.
+    /// Whether Algorithm 1 converged in a slice: its last move was no longer than ε. Otherwise n_max ended it.
     pub settled: [bool; SLICES],
 }
 
@@ -112,7 +112,7 @@ pub fn compensate(
         for _ in 0..regressors.map_or(0, |_| MAX_MOVES) {
             let Some(regressors) = regressors else { break };
             let (h, v) = regressors.offset(patch);
-            // Farther than the slice may go is all the same, and leaves room for the arithmetic.
+            // Clamped before the arithmetic, which would overflow.
             let quarters = |offset: i32| {
                 let offset = offset.clamp(-(FARTHEST << OFFSET_BITS), FARTHEST << OFFSET_BITS);
                 (offset * SUBCELL + (1 << (OFFSET_BITS - 1))) >> OFFSET_BITS

@@ -27,10 +27,10 @@ pub struct Patch {
 }
 
 impl Patch {
-    /// A patch of nothing.
+    /// A patch whose sums are all 0.
     pub const EMPTY: Self = Self { corners: NOTHING, blank: true };
 
-    /// Makes it a patch of nothing.
+    /// Sets all sums to 0.
     pub fn clear(&mut self) {
         if !self.blank {
             *self = Self::EMPTY;
@@ -72,7 +72,7 @@ impl Patch {
 /// A summed-area table with one corner more than cells: see [`Patch`].
 pub(super) type Corners = [[u32; CHANNELS]; ROOM];
 
-/// A table of nothing.
+/// A table of zeros.
 pub(super) const NOTHING: Corners = [[0; CHANNELS]; ROOM];
 
 /// Sums up the window that begins (fx, fy) quarters of a cell right of and below the first corner of `cells`.
@@ -148,7 +148,7 @@ fn corner(x: i32, y: i32) -> ((i32, i32), (u32, u32)) {
     ((x.div_euclid(SUBCELL), y.div_euclid(SUBCELL)), (part(x), part(y)))
 }
 
-/// A st-cube: a patch of each of the last [`SLICES`] frames, newest first, and what the newest frame has beside.
+/// A st-cube: a patch of each of the last [`SLICES`] frames, newest first, and the additional channels of the newest.
 #[derive(Debug, Clone)]
 pub struct Cube {
     /// Slice k is cut from the frame k frames ago.
@@ -189,7 +189,7 @@ impl Cube {
         self.scalars[scalar.place()] = value;
     }
 
-    /// A cube of nothing.
+    /// A cube whose sums and scalars are all 0.
     pub const EMPTY: Self = Self {
         slices: [const { Patch::EMPTY }; SLICES],
         newest: Patch::EMPTY,

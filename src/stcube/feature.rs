@@ -15,7 +15,7 @@ pub const RATIO_BITS: u32 = 10;
 /// Bytes of an encoded feature.
 pub const ENCODED: usize = 8;
 
-/// What a box's sum is divided by.
+/// Denominator of a feature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Denominator {
@@ -31,10 +31,10 @@ pub enum Denominator {
     Scalar = 4,
 }
 
-/// A box of a cube, its channel and what to divide by. Boxes are half-open, in cells of the window and slices.
+/// A box of a cube, its channel and denominator. Boxes are half-open, in cells of the window and slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Feature {
-    /// What the sum is divided by.
+    /// Denominator of the ratio.
     pub denominator: Denominator,
     /// Channel of every frame (0..8), of the newest one (8..16), or number of the scalar.
     pub channel: u8,

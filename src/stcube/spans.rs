@@ -67,13 +67,13 @@ pub struct Ready<'a> {
 }
 
 impl Spans {
-    /// Nothing summed up.
+    /// No sums yet.
     pub const EMPTY: Self = Self {
         #[cfg(feature = "simd")]
         sums: [NOTHING; RUNS],
     };
 
-    /// Sums `cube` up.
+    /// Computes the sums of `cube`.
     pub fn ready<'a>(&'a mut self, cube: &'a Cube) -> Ready<'a> {
         #[cfg(not(feature = "simd"))]
         return Ready { cube };

@@ -1,7 +1,7 @@
 //! The slices of a cube along the optical flow of its window (level 6).
 //!
-//! What the paper compares Algorithm 1 with: pyramidal Lucas-Kanade flow says where the picture in the window was a frame
-//! before, from slice to slice. It follows what has structure, which before trees and fields is the background.
+//! The paper's comparison for Algorithm 1 (section 4.2): pyramidal Lucas-Kanade flow of the window's content from slice to
+//! slice. It follows structure, which over trees and fields is the background's.
 
 use crate::channels::front_end::Slices;
 use crate::channels::window::Position;
@@ -197,7 +197,7 @@ mod tests {
             for step in [(0.0, 0.0), (2.5, -1.5), (-4.0, 6.0)] {
                 let quarter = f64::from(scale) / 65536.0 / 2.0;
                 for (k, (x, y)) in followed(step, scale).into_iter().enumerate() {
-                    // What was at x a frame ago is at x + step now: the older slice lies against the motion.
+                    // The content moves by `step` a frame: the older slice lies against the motion.
                     let (wx, wy) = (-step.0 * k as f64, -step.1 * k as f64);
                     let allowed = 0.1 + quarter * k as f64;
                     assert!(

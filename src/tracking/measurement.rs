@@ -1,4 +1,4 @@
-//! A detection as the tracker takes it: a direction, a size and their errors, in a frame of reference that stands still.
+//! Measurement model: a detection as direction and angular size with their errors, in a non-rotating frame of reference.
 
 use super::settings::Settings;
 use crate::camera::Camera;
@@ -9,7 +9,7 @@ use crate::math::kalman::{MAX_VARIANCE, MILLI};
 use crate::math::real::{ONE, Real, Vector, across, add, divide, exp, ln, norm, ratio, unit};
 use fixed::types::I28F4;
 
-/// A frame's camera: where it looks, and where it looked before.
+/// Attitudes of the camera in a frame and the frames before it.
 #[derive(Debug, Clone)]
 pub struct CameraPose<'a> {
     /// The camera.

@@ -30,10 +30,10 @@ const GAP: i64 = 1_000_000;
 /// Points along each side of the picture at which the background's motion is read.
 const POINTS: i32 = 5;
 
-/// How objects are followed, and when they raise an alert.
+/// Settings of tracker and alerts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Settings {
-    /// Making and keeping tracks.
+    /// Starting, confirming and ending tracks.
     pub track: tracker::Settings,
     /// Alerts.
     pub threat: threat::Settings,
@@ -43,7 +43,7 @@ pub struct Settings {
 /// frame and a field of view that is known to a twentieth it drifts by some degrees in that time.
 const BRIDGE: i64 = 1_000_000;
 
-/// Where the last frames' attitudes came from.
+/// Source of the last frames' attitudes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Source {
     Vehicle,
@@ -52,7 +52,7 @@ enum Source {
     Image,
 }
 
-/// Follows the objects that the detector finds in the frames of one camera, and raises alerts about them.
+/// Tracks the detections of one camera and raises alerts.
 ///
 /// ```
 /// use fixed::types::I28F4;
@@ -96,7 +96,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Has seen no frame; settings are brought within their ranges.
+    /// Without tracks; settings are clamped to their ranges.
     pub fn new(settings: Settings, camera: Camera) -> Self {
         Self {
             camera,
@@ -107,7 +107,7 @@ impl Watch {
         }
     }
 
-    /// Other settings from the next frame on; tracks live on.
+    /// Changes the settings from the next frame on; tracks stay.
     pub fn set(&mut self, settings: Settings) {
         self.tracker.set(settings.track);
         self.alerts.set(settings.threat);
@@ -118,7 +118,7 @@ impl Watch {
         &self.camera
     }
 
-    /// Objects that there was no room for, in all: detections that started no track, and tracks given up for surer ones.
+    /// Number of detections that started no track and tracks that were ended for want of room, since the start.
     pub fn dropped(&self) -> u32 {
         self.tracker.dropped()
     }
@@ -129,7 +129,7 @@ impl Watch {
         self.tracker.support(tracks);
     }
 
-    /// Forgets everything seen.
+    /// Ends all tracks and forgets all frames.
     pub fn clear(&mut self) {
         self.tracker.clear();
         self.frames.clear();

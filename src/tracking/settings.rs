@@ -15,7 +15,7 @@ const START_PRECISION: u32 = calibration::ONE / 10 * 9;
 /// The same for the score that continues one: where something is expected, weak evidence will do.
 const KEEP_PRECISION: u32 = calibration::ONE / 3;
 
-/// How tracks are made and kept.
+/// Starting, confirming and ending tracks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
     /// Detections (M) of the last [`Settings::confirm_window`] frames from which on a track is confirmed; 1 to 32.
@@ -44,7 +44,7 @@ pub struct Settings {
 }
 
 impl Default for Settings {
-    /// Values measured on `airborne/train`; scores for a model that does not say what they are worth.
+    /// Values measured on `airborne/train`; scores for a model without a calibration.
     fn default() -> Self {
         Self {
             confirm_hits: 6,

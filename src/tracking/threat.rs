@@ -1,4 +1,4 @@
-//! How dangerous an object is (level 4).
+//! Threat of an object: time to contact, closest point of approach, alert level (level 4).
 //!
 //! A camera measures angles alone. Three things follow from them without a range:
 //! - the inverse of the growth of the angular size is the time to contact, range over closing speed (Lee, "A theory of
@@ -17,7 +17,7 @@ use crate::tracking::tracker::Track;
 use crate::tracking::traffic::{Estimate, Level, MAX_TRAFFIC, Traffic};
 use fixed::types::{I16F16, I28F4};
 
-/// Longest time to contact that is told, in seconds.
+/// Longest time to contact that is reported, in seconds.
 const LONGEST: Real = Real::lit("60");
 
 /// Detections among the last [`EVIDENCE_FRAMES`] frames below which no alert is raised or held: a box that comes back
@@ -27,7 +27,7 @@ const EVIDENCE_HITS: u32 = 4;
 /// Frames of [`EVIDENCE_HITS`]; as many as a track is confirmed by.
 const EVIDENCE_FRAMES: u8 = 15;
 
-/// How threats are judged.
+/// Thresholds of the alert levels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
     /// Assumed wingspan in metres, 0.05 to 100. Default 1: between the small multirotors of `airborne` (0.55 m) and small
@@ -312,7 +312,7 @@ fn short(value: Real) -> I16F16 {
     I16F16::saturating_from_num(value)
 }
 
-/// What is known of an object's way.
+/// Relative motion of an object: range, velocity, time to contact, closest approach.
 struct Course {
     rate: Measured,
     growth: Measured,

@@ -1,4 +1,4 @@
-//! Which detections are of one object, and how it moves (level 3).
+//! Multiple-object tracker: data association and Kalman filters in angle space (level 3).
 //!
 //! A track is a direction in a frame of reference that does not turn with the camera, its rate, the logarithm of the
 //! object's angular size and the growth of that. The growth g is the inverse of the time to contact: at a constant
@@ -17,13 +17,13 @@ use crate::tracking::measurement::Measurement;
 pub use crate::tracking::settings::Settings;
 use crate::tracking::traffic::MAX_TRAFFIC;
 
-/// Most detections of a frame that are looked at.
+/// Most detections of a frame that are used.
 const MAX_MEASUREMENTS: usize = 64;
 
 /// Largest distance of a detection from its track, in standard deviations squared: four of two values, three of the size.
 const GATE: [Real; 2] = [Real::lit("16"), Real::lit("9")];
 
-/// Fastest that anything may turn about the camera, in radians a second.
+/// Largest angular rate of a track, in radians a second.
 const MAX_RATE: Real = Real::lit("10");
 
 /// Fastest growth: a quarter of a second to contact.
@@ -42,20 +42,20 @@ const SAME_OBJECT_IOU: u8 = 77;
 /// from its track is of that track's object more often than of another one.
 const KNOWN_OBJECT_IOU: u8 = 26;
 
-/// What evidence from elsewhere, as an aircraft that reports its own position in this direction, adds to a track's mean
-/// log-odds: 2 in Q16, a likelihood ratio of 7. Not measured: no recording here has both.
+/// Bonus on a track's mean log-odds for evidence from elsewhere, as an aircraft that transmits its position in this
+/// direction: 2 in Q16, a likelihood ratio of 7. Not measured: no recording here has both.
 const SUPPORT: i32 = 2 << 16;
 
-/// An object that is followed.
+/// A track.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Track {
     /// Number, from 1.
     pub id: u16,
-    /// Enough detections agreed.
+    /// Whether the track is confirmed.
     pub confirmed: bool,
-    /// Evidence from elsewhere supports it.
+    /// Whether evidence from elsewhere supports it ([`Tracker::support`]).
     pub supported: bool,
-    /// When the last detection was.
+    /// Time of its last detection, microseconds.
     pub seen_us: i64,
     /// Whether the newest frame had none.
     pub coasting: bool,
@@ -64,7 +64,7 @@ pub struct Track {
     /// Exponential moving average of the scores, weight 1/8, Q16 log-odds; it starts at [`Settings::keep_score`], which also
     /// stands for frames without a detection.
     pub mean_log_odds: i32,
-    /// Box in the newest frame, foretold while coasting.
+    /// Box in the newest frame, predicted while coasting.
     pub rect: Rect,
     /// Unit vector in the frame of reference.
     pub direction: Vector,
@@ -232,7 +232,7 @@ impl Track {
         (self.history & mask).count_ones()
     }
 
-    /// Whether it can be given up.
+    /// Whether the track ends.
     fn is_over(&self, time_us: i64, settings: &Settings) -> bool {
         if self.confirmed {
             return time_us.saturating_sub(self.seen_us) > settings.coast_us;
@@ -254,7 +254,7 @@ fn limited(rate: Vector, direction: Vector) -> Vector {
     across(rate.map(|v| v.clamp(-MAX_RATE, MAX_RATE)), direction)
 }
 
-/// Follows objects from frame to frame.
+/// Tracks objects from frame to frame.
 ///
 /// ```
 /// use fixed::types::I28F4;
@@ -289,22 +289,22 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// Follows nothing yet; settings are brought within their ranges.
+    /// A tracker without tracks; settings are clamped to their ranges.
     pub fn new(settings: Settings) -> Self {
         Self { settings: settings.limited(), tracks: heapless::Vec::new(), last_id: 0, dropped: 0 }
     }
 
-    /// Other settings from now on, brought within their ranges.
+    /// Changes the settings, clamped to their ranges.
     pub fn set(&mut self, settings: Settings) {
         self.settings = settings.limited();
     }
 
-    /// What is followed.
+    /// The tracks.
     pub fn tracks(&self) -> &[Track] {
         &self.tracks
     }
 
-    /// Objects that there was no room for, in all: detections that started no track, and tracks given up for surer ones.
+    /// Number of detections that started no track and tracks that were ended for want of room, since the start.
     pub fn dropped(&self) -> u32 {
         self.dropped
     }
@@ -319,7 +319,7 @@ impl Tracker {
         }
     }
 
-    /// Forgets all tracks.
+    /// Ends all tracks.
     pub fn clear(&mut self) {
         self.tracks.clear();
     }

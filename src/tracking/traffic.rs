@@ -1,4 +1,4 @@
-//! What is told to others about an object that is followed: where it is, how near, how dangerous (level 2).
+//! Traffic: the tracker's output about one object, its direction, range, time to contact and alert level (level 2).
 //!
 //! The tracker and the judgement of threats fill these in; messages, logs and pages read them. All in fixed point.
 
@@ -6,10 +6,10 @@ pub use crate::camera::attitude::Direction;
 use crate::image::Rect;
 use fixed::types::I16F16;
 
-/// Most objects that are followed at once.
+/// Most tracks at a time.
 pub const MAX_TRAFFIC: usize = 16;
 
-/// How urgent an object is, mildest first.
+/// Alert level of an object, lowest first.
 ///
 /// ```
 /// use lookout::tracking::traffic::Level;
@@ -20,14 +20,14 @@ pub const MAX_TRAFFIC: usize = 16;
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub enum Level {
-    /// Followed, not yet worth a word.
+    /// Tracked, not confirmed: not reported.
     #[default]
     None,
-    /// Something else flies there.
+    /// Confirmed, no predicted conflict.
     Traffic,
-    /// It may come near.
+    /// Predicted to pass within the caution distance, in less than the caution time.
     Caution,
-    /// It is on a collision course and near in time.
+    /// Predicted to pass within the warning distance, in less than the warning time.
     Warning,
 }
 
@@ -40,26 +40,26 @@ pub struct Estimate {
     pub sigma: I16F16,
 }
 
-/// One object that is followed, at the time of one frame.
+/// State of one tracked object at the time of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Traffic {
     /// Number of the track: from 1, the same for as long as it lives, not given again before all others were.
     pub id: u16,
     /// Time of the frame in microseconds.
     pub time_us: i64,
-    /// Box in the frame, in pixels; foretold while `coasting`.
+    /// Box in the frame, in pixels; predicted while `coasting`.
     pub rect: Rect,
-    /// Score of the last detection of it: log-odds in Q16.
+    /// Score of its last detection, Q16 log-odds.
     pub score: i32,
-    /// Whether enough detections agreed (M of N) that it is there.
+    /// Whether the track is confirmed: M detections in N frames and a sufficient mean score.
     pub confirmed: bool,
-    /// Whether this frame showed nothing of it and its place is foretold.
+    /// Whether this frame has no detection of it and its position is predicted.
     pub coasting: bool,
-    /// How urgent it is.
+    /// Alert level.
     pub level: Level,
-    /// Where it is, seen from the vehicle: forward, right, down.
+    /// Direction from the vehicle in body axes: forward, right, down.
     pub body: Direction,
-    /// Where it is in the world: north, east, down. `None` without an attitude of the vehicle.
+    /// Direction in the world: north, east, down. `None` without an attitude of the vehicle.
     pub ned: Option<Direction>,
     /// Standard deviation of the direction, in radians.
     pub direction_sigma: I16F16,

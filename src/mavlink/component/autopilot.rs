@@ -255,7 +255,7 @@ impl Component {
                     return false;
                 };
                 self.hear_boot_time(data.time_boot_ms);
-                // Both kinds tell the same; one is enough.
+                // Both messages hold the same attitude; one is enough.
                 if self.autopilot.is_some_and(|own| silent(own.quaternion_us, now_us, STALE_US)) {
                     self.hear_attitude(quaternion, data.time_boot_ms, now_us);
                 }

@@ -1,10 +1,10 @@
 //! The autopilot's clock on ours.
 //!
 //! TIMESYNC gives the offset: the autopilot's time at the middle of a round trip, the quickest trips counting. Without
-//! it the message that came quickest tells how the clocks stand, late by the time that one took.
+//! it the offset is that of the message with the shortest delay, too late by that delay.
 //! Source: <https://mavlink.io/en/services/timesync.html>.
 
-/// A round trip longer than this tells nothing.
+/// Longest round trip that is used.
 const SLOW_US: i64 = 500_000;
 
 /// An offset this far from the one in use is no noise.
@@ -19,7 +19,7 @@ const PAST_US: i64 = 1_000_000;
 /// How long the quickest message counts.
 const WINDOW_US: i64 = 10_000_000;
 
-/// What is known of the autopilot's clock.
+/// Estimated offset between the autopilot's clock and ours.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Clock {
     /// Requests that may still be answered: our time in microseconds.

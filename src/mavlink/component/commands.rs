@@ -1,4 +1,4 @@
-//! Commands: what is asked of the lookout, and its answers.
+//! MAVLink commands to the lookout, and their acknowledgements.
 //!
 //! COMMAND_LONG, COMMAND_INT and COMMAND_ACK are read and written by hand: the crate's types cannot hold a command
 //! that is younger than this program, and just those are to be answered.
@@ -123,7 +123,7 @@ impl Component {
             }
             _ => Verdict::Unsupported,
         };
-        // What REQUEST_MESSAGE asks for comes with its own answer before it.
+        // REQUEST_MESSAGE acknowledged the command before it sent the message.
         if number != REQUEST_MESSAGE || verdict != Verdict::Accepted {
             self.answer(&command, verdict);
         }

@@ -10,7 +10,7 @@ pub const FLEET: usize = 16;
 /// How objects are named, and which are not reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Naming {
-    /// What objects are taken for.
+    /// Aircraft type that objects are reported as.
     pub assume: Assume,
     /// Callsigns of the own fleet: a track that an ADSB_VEHICLE of one of them explains gets no text, ADSB_VEHICLE or
     /// COLLISION. Obstacle messages still hold it.

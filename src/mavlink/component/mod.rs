@@ -1,7 +1,7 @@
-//! The lookout as a MAVLink component: what it hears, what it answers, what it tells (level 4).
+//! The lookout as a MAVLink component: protocol state, services, reports of traffic (level 4).
 //!
-//! A state machine without I/O: frames that arrived go in with [`Component::receive`], what was seen with
-//! [`Component::observe`]; [`Component::poll`] gives what is to be sent, [`Component::event`] what others want to know.
+//! A state machine without I/O: received frames go in with [`Component::receive`], traffic with [`Component::observe`];
+//! [`Component::poll`] returns messages to send, [`Component::event`] changes that its owner handles.
 //! All times are microseconds of one clock that never goes back, that of the frames.
 
 mod autopilot;
@@ -40,7 +40,7 @@ use mavlink_core::{MAVLinkMessageRaw, MessageData};
 use parameters::{Parameter, Parameters};
 use streams::{STREAMS, Seen, Timer};
 
-/// What is fixed while the component runs.
+/// Settings that stay the same while the component runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Config {
     /// Our system id. `None`: the autopilot's, from its first heartbeat; 1 until then.
@@ -57,7 +57,7 @@ pub struct Config {
     pub stall_us: i64,
     /// MAV_TYPE of the heartbeat. Default ONBOARD_CONTROLLER.
     pub heartbeat: HeartbeatType,
-    /// What objects are taken for, and the own fleet.
+    /// Aircraft type that objects are reported as, and callsigns of the own fleet.
     pub naming: Naming,
 }
 
@@ -87,12 +87,12 @@ pub struct Camera {
     pub height: u16,
 }
 
-/// What a frame's signature is worth.
+/// Authentication state of a received frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trust {
     /// No key is configured: everyone may command.
     Open,
-    /// Rightly signed.
+    /// The signature is valid.
     Signed,
     /// A key is configured and the frame bears no signature: ignored, because everything that is sent is signed and
     /// may derive from signed frames only.
@@ -115,7 +115,7 @@ pub enum Priority {
     Answer,
 }
 
-/// Where a message is to go.
+/// Links that a message is sent to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Destination {
     /// To every link.
@@ -127,19 +127,19 @@ pub enum Destination {
 /// A message to be sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Outgoing {
-    /// Where to.
+    /// The links.
     pub to: Destination,
     /// Which part of a link's bandwidth it uses.
     pub priority: Priority,
     /// Our system id.
     pub system_id: u8,
-    /// The component that speaks.
+    /// Component id of the sender.
     pub component_id: u8,
-    /// What it says.
+    /// Message number and payload.
     pub payload: Payload,
 }
 
-/// What happened, for those around the component.
+/// A change that the component's owner handles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     /// The first heartbeat of an autopilot, or of another one after ours was lost.
@@ -169,7 +169,7 @@ pub enum Event {
     Parameter(Parameter),
 }
 
-/// What was refused or lost, since the start.
+/// Numbers of frames and messages that were received, refused or lost since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counters {
     /// Frames heard.
@@ -281,7 +281,7 @@ pub struct Component {
 }
 
 impl Component {
-    /// A component that has heard nothing yet.
+    /// A component that has received nothing.
     pub fn new(config: Config, parameters: Parameters, now_us: i64) -> Self {
         Self {
             config,
@@ -320,7 +320,7 @@ impl Component {
         }
     }
 
-    /// Hears a frame that came over `link` and passed its checksum.
+    /// Handles a frame received on `link` whose checksum was right.
     pub fn receive(&mut self, link: u8, frame: &MAVLinkMessageRaw, trust: Trust, now_us: i64) {
         let count = |counter: &mut u32| *counter = counter.saturating_add(1);
         count(&mut self.counters.received);
@@ -388,8 +388,8 @@ impl Component {
         self.addressed(system, component).is_some()
     }
 
-    /// Takes what was seen in the frame of `frame_time_us`; at most [`MAX_TRAFFIC`] objects. To be called for every
-    /// frame that was finished, also when nothing was seen: silence means stalled.
+    /// Sets the traffic of the frame taken at `frame_time_us`, at most [`MAX_TRAFFIC`] objects. Call it for every processed
+    /// frame, also without traffic: without calls for [`Config::stall_us`] the state becomes stalled.
     pub fn observe(
         &mut self,
         traffic: &[Traffic],
@@ -445,13 +445,13 @@ impl Component {
         }
     }
 
-    /// Sends a text to all, as about the state of a recording; 50 letters at most.
+    /// Sends a STATUSTEXT of at most 50 characters to all links, as about the state of a recording.
     pub fn notify(&mut self, notice: messages::text::Notice) {
         let data = notice.data();
         self.say(Destination::All, self.config.component_id, Priority::Urgent, &data);
     }
 
-    /// The next message to be sent, if any; to be called until there is none, every 20 ms or so. Answers come last.
+    /// The next message to send, answers last. Call it about every 20 ms until it returns `None`.
     pub fn poll(&mut self, now_us: i64) -> Option<Outgoing> {
         if self.outbox.is_empty() {
             self.update_state(now_us);
@@ -464,7 +464,7 @@ impl Component {
         self.outbox.pop_front().or_else(|| self.answers.pop_front())
     }
 
-    /// The next thing that happened, oldest first.
+    /// The next event, oldest first.
     pub fn event(&mut self) -> Option<Event> {
         self.events.pop_front()
     }
@@ -474,7 +474,7 @@ impl Component {
         &self.parameters
     }
 
-    /// What was refused or lost.
+    /// Numbers of frames that were received, refused or lost.
     pub fn counters(&self) -> Counters {
         self.counters
     }
@@ -504,7 +504,7 @@ impl Component {
         self.vehicle.as_ref()
     }
 
-    /// What is known of the autopilot's clock.
+    /// Estimated offset of the autopilot's clock.
     pub fn clock(&self) -> &Clock {
         &self.clock
     }

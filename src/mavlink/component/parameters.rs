@@ -1,4 +1,4 @@
-//! What can be set over the parameter protocol.
+//! Parameters that can be set over MAVLink's parameter protocol.
 //!
 //! Every parameter is a REAL32 on the wire, the switches too: there the two encodings in use, bytewise (PX4) and
 //! C-cast (ArduPilot), are the same bytes, and no receiver can read them wrongly.
@@ -35,12 +35,12 @@ pub enum Parameter {
     /// `LK_TEXT_S`: least time between two texts of one severity about one aircraft, in seconds; 60 by default.
     TextInterval,
     /// `LK_PROXIMITY`: 0 nothing (default), 1 OBSTACLE_DISTANCE, 2 OBSTACLE_DISTANCE_3D (ArduPilot only). Never both:
-    /// each OBSTACLE_DISTANCE wipes what the other kind told ArduPilot. Off by default because PX4 then holds before
+    /// each OBSTACLE_DISTANCE replaces ArduPilot's obstacles of the other kind. Off by default because PX4 then holds before
     /// every direction that is not seen.
     Proximity,
     /// `LK_PROX_HZ`: their rate; 10 by default. Autopilots take half a second of silence for a lost sensor.
     ProximityRate,
-    /// `LK_PROX_MAX`: farthest distance told in them, in metres; 100 by default.
+    /// `LK_PROX_MAX`: largest distance in them, in metres; 100 by default.
     ProximityMax,
     /// `LK_HEALTH`: 1 to send NAMED_VALUE_FLOAT about the work on the frames; 1 by default.
     Health,

@@ -1,4 +1,4 @@
-//! What is sent again and again, and when.
+//! Messages that are sent periodically, and their intervals.
 
 use super::parameters::Parameter;
 use super::{Component, Destination, Priority};

@@ -25,7 +25,7 @@ pub const IDS: u32 = 63;
 /// Degrees times 10^7 in a millimetre of the equator, Q32: 10^7 * 2^32 / (pi / 180 * 6 378 137 000).
 const DEGREES_E7_A_MM: i64 = 385_823_477;
 
-/// What objects are taken for, since the detector has one class for all of them.
+/// Aircraft type that objects are reported as, since the detector has one class for all of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Assume {
     /// Drones: emitter type UAV (14), ids in the low band. ArduPlane's avoidance keeps 50 m from them.
@@ -87,7 +87,7 @@ pub struct Identity {
     pub address: u32,
     /// Its name.
     pub callsign: Callsign,
-    /// What it is taken for.
+    /// Aircraft type that it is reported as.
     pub assume: Assume,
 }
 

@@ -13,7 +13,7 @@ static ARCTANGENTS: [i32; 30] = [
     81, 41, 20, 10, 5, 3, 1,
 ];
 
-/// What 30 turns of CORDIC lengthen a vector by, inverted, in Q30.
+/// Inverse of the gain of 30 iterations of CORDIC, Q30.
 const GAIN: i64 = 652_032_874;
 
 const QUARTER: i32 = 1 << 30;

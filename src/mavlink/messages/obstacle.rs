@@ -1,6 +1,6 @@
 //! Objects as obstacles for an autopilot: OBSTACLE_DISTANCE and OBSTACLE_DISTANCE_3D.
 //!
-//! Both say what is near and nothing else: what is not seen stays unknown, never free. A lookout for flying objects sees
+//! Both report near objects only: directions without one stay unknown, never free. A lookout for flying objects sees
 //! no trees and no wires.
 
 use super::adsb::offset_q16;
@@ -11,7 +11,7 @@ use crate::mavlink::dialect::{
 use crate::tracking::traffic::Traffic;
 use fixed::types::I16F16;
 
-/// Least distance told, in centimetres.
+/// Least distance that is reported, in centimetres.
 pub const MIN_CM: u16 = 100;
 
 /// Nothing is known of this direction.

@@ -166,7 +166,7 @@ impl Notice {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Told {
+struct Reported {
     track: u16,
     level: Level,
     time_us: i64,
@@ -175,10 +175,10 @@ struct Told {
 /// Tracks that are remembered: those that live and as many that lived.
 const REMEMBERED: usize = 32;
 
-/// What was told about each track.
+/// Alert level last reported of each track, and when.
 #[derive(Debug, Default)]
 pub struct Alerts {
-    told: heapless::Vec<Told, REMEMBERED>,
+    reported: heapless::Vec<Reported, REMEMBERED>,
     traffic_us: Option<i64>,
 }
 
@@ -195,14 +195,16 @@ impl Alerts {
         if !traffic.confirmed {
             return None;
         }
-        let at = self.told.iter().position(|told| told.track == traffic.id);
+        let at = self.reported.iter().position(|reported| reported.track == traffic.id);
         if let Some(at) = at {
-            let told = &mut self.told[at];
-            if traffic.level < told.level && now_us.saturating_sub(told.time_us) >= interval_us {
-                told.level = traffic.level;
-                told.time_us = now_us;
+            let reported = &mut self.reported[at];
+            if traffic.level < reported.level
+                && now_us.saturating_sub(reported.time_us) >= interval_us
+            {
+                reported.level = traffic.level;
+                reported.time_us = now_us;
             }
-            if traffic.level <= told.level {
+            if traffic.level <= reported.level {
                 return None;
             }
         }
@@ -213,15 +215,15 @@ impl Alerts {
             self.traffic_us = Some(now_us);
         }
         let words = about(traffic, callsign)?;
-        let told = Told { track: traffic.id, level: traffic.level, time_us: now_us };
+        let reported = Reported { track: traffic.id, level: traffic.level, time_us: now_us };
         match at {
-            Some(at) => self.told[at] = told,
+            Some(at) => self.reported[at] = reported,
             None => {
-                if self.told.is_full() {
-                    let oldest = (0..self.told.len()).min_by_key(|&i| self.told[i].time_us);
-                    self.told.swap_remove(oldest.unwrap_or(0));
+                if self.reported.is_full() {
+                    let oldest = (0..self.reported.len()).min_by_key(|&i| self.reported[i].time_us);
+                    self.reported.swap_remove(oldest.unwrap_or(0));
                 }
-                let _ = self.told.push(told);
+                let _ = self.reported.push(reported);
             }
         }
         Some(words)
@@ -296,7 +298,7 @@ mod tests {
     #[test]
     fn urgency_only_rises() {
         let mut alerts = Alerts::default();
-        let mut told = std::vec::Vec::new();
+        let mut reported = std::vec::Vec::new();
         let levels = [
             Level::None,
             Level::Traffic,
@@ -309,10 +311,10 @@ mod tests {
         for (second, level) in levels.into_iter().enumerate() {
             let now = second as i64 * 1_000_000;
             if due(&mut alerts, &Traffic { level, ..traffic(1) }, now) {
-                told.push(level);
+                reported.push(level);
             }
         }
-        assert_eq!(told, [Level::Traffic, Level::Caution, Level::Warning]);
+        assert_eq!(reported, [Level::Traffic, Level::Caution, Level::Warning]);
         // Calm for a minute, then dangerous again: that is news.
         assert!(!due(&mut alerts, &traffic(1), 66_000_000));
         let again = Traffic { level: Level::Warning, ..traffic(1) };

@@ -1,4 +1,4 @@
-//! What the component hears of the vehicle and tells of traffic.
+//! Tests: messages of the vehicle in, reports of traffic out.
 
 mod services;
 mod vehicles;
@@ -274,7 +274,7 @@ fn collision_yields_to_the_autopilot_s_own() {
     assert!(flight.of::<COLLISION_DATA>().is_empty());
     flight.fly(2.0);
     assert!(!flight.of::<COLLISION_DATA>().is_empty());
-    // The danger is over: told as such, then no more.
+    // The danger is over: reported once as such, then no more.
     flight.seen[0].level = Level::None;
     flight.sent.clear();
     flight.fly(10.0);

@@ -144,7 +144,7 @@ fn restarts_and_flapping_links() {
     assert!((2..=5).contains(&lost), "{lost}");
 }
 
-/// What a client asks of every component is answered at once, unless it was asked of all.
+/// Requests that clients send to every component are answered at once, unless they were broadcast.
 #[test]
 fn files_missions_and_unknown_parameters_are_answered() {
     let mut flight = flight();
