@@ -441,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_in_one_place_alone_is_told() {
+    fn differences_of_one_cell_stay_in_its_channels() {
         let mut pictures = [[40; SIDE * SIDE], [0; SIDE * SIDE], [0; SIDE * SIDE]];
         // Cell (3, 4) of the window is another tone; near alone changes there, both change in cell (6, 2).
         for (i, j, picture, value) in [(3, 4, 0, 90), (3, 4, 2, 7), (6, 2, 1, 9), (6, 2, 2, 5)] {

@@ -1,4 +1,4 @@
-//! What scores are worth: measured for a model that is there, and used.
+//! Score calibration: measured for an existing model, and used.
 #![cfg(feature = "std")]
 
 mod common;

@@ -127,7 +127,7 @@ fn replay_of_a_simulated_flight() {
     let digest =
         |more: &[&str]| succeeded(lookout(&[&flight[..], &["--digest"], more].concat(), b""));
     assert_eq!(digest(&[]), digest(&["--threads", "1"]));
-    // Without any output it tells what it found.
+    // Without any output it prints its detections.
     let output = lookout(&[&flight[..], &["--threshold", "-1000"]].concat(), b"");
     let summary = String::from_utf8_lossy(&output.stderr).into_owned();
     let told = succeeded(output);

@@ -112,7 +112,7 @@ fn a_collision_from_pixels_to_datagrams() {
     until(&mut now, stopped + 3 * SECOND, &mut onboard);
     let received = collector.join().unwrap();
 
-    // What was said is what arrived, byte for byte in order; of system 1, component 196, without a gap.
+    // The messages sent are those that arrived, byte for byte in order; from system 1, component 196, without a gap.
     let arrived: Vec<&MavMessage> = received.iter().map(|(_, message)| message).collect();
     assert_eq!(arrived, said.iter().map(|(_, message)| message).collect::<Vec<_>>());
     for (number, (header, _)) in received.iter().enumerate() {
@@ -142,7 +142,7 @@ fn a_collision_from_pixels_to_datagrams() {
     );
     let stalled =
         beats.iter().find(|(time, state)| *time > stopped && *state != MavState::MAV_STATE_ACTIVE);
-    let stalled = stalled.expect("the heartbeat tells it").0 - stopped;
+    let stalled = stalled.expect("the heartbeat reports it").0 - stopped;
     assert!(stalled <= SECOND, "after {stalled} us");
     println!("frames stopped, heartbeat CRITICAL {} ms later", stalled / 1000);
     let late = said.iter().filter(|(time, _)| *time > stopped + SECOND);
@@ -242,7 +242,7 @@ impl World {
         }
     }
 
-    /// What a detector finds in the frame of now.
+    /// Detections of the present frame.
     fn detections(&self) -> Detections {
         let range = self.range - self.closing * self.now as f64 / 1e6;
         let size = 560.0 / range.max(1.0);
@@ -313,9 +313,9 @@ fn a_link_cut_for_ten_seconds() {
     world.telemetry = true;
     let back = world.now;
     world.fly(3.0);
-    let recovered = world.adsb(back).expect("traffic is told again");
+    let recovered = world.adsb(back).expect("traffic is reported again");
     assert!(world.in_world() && recovered <= 2 * SECOND, "{recovered}");
-    println!("link back, traffic told {} ms later", recovered / 1000);
+    println!("link back, traffic reported {} ms later", recovered / 1000);
 }
 
 #[test]

@@ -79,7 +79,7 @@ fn every_method_is_trained_and_stands_in_the_report() {
     let mut expected = TRAINED.to_vec();
     expected.extend(["difference", "ours"]);
     assert_eq!(names, expected);
-    // Only what has a scan tells of it.
+    // Only methods with a scan report it.
     assert!(lines.iter().all(|line| line["scan"].is_null() == (line["method"] == "difference")));
 
     let json = fs::read(folder.path().join("report/report.json")).unwrap();
@@ -90,7 +90,7 @@ fn every_method_is_trained_and_stands_in_the_report() {
         let name = &line["method"];
         let report = reported.iter().find(|r| r["name"] == *name).unwrap();
         assert!(report["median_ms_per_frame"].as_f64().unwrap() > 0.0, "{report}");
-        // What was written is what was scored.
+        // The detections written are those scored.
         let out = match name.as_str().unwrap() {
             "ours" => "out".to_owned(),
             other => format!("out/{other}"),

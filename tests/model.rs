@@ -21,7 +21,7 @@ enum Change {
 
 fn change() -> impl Strategy<Value = Change> {
     let place = 0..1usize << 20;
-    // Lengths and the headers of forests are where a change tells most.
+    // Lengths and the headers of forests are where a change matters most.
     let near = prop_oneof![0..HEADER + 60, place.clone()];
     prop_oneof![
         4 => (near.clone(), any::<u8>()).prop_map(|(at, with)| Change::Flip(at, with)),

@@ -60,7 +60,7 @@ fn split(folder: &TempDir) -> String {
         }
         write(&format!("{data}/{clip}/gt.txt"), &truth);
     }
-    // The last frames of a clip without boxes are not known from its labels: a box on a bird tells.
+    // The last frames of a clip without boxes are not known from its labels: a box on a bird shows it.
     write(&format!("{data}/west/gt.txt"), &format!("{FRAMES},1,30,28,9,9,1,4,1\n"));
     write(&format!("{data}/east/camera.json"), r#"{"fps": 10, "kind": "hover"}"#);
     write(

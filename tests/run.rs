@@ -147,7 +147,7 @@ fn replayed(segment: &std::path::Path) -> (Vec<Value>, Vec<Value>, String) {
     let digest = replay(segment, &["--jsonl", "again.jsonl"]);
     let [live, again] = ["detections.jsonl", "again.jsonl"].map(|name| {
         let path = segment.join(name);
-        // A segment may end before there is anything to tell.
+        // A segment may end before there is any event.
         if fs::metadata(&path).unwrap().len() == 0 { vec![] } else { json_lines(&path) }
     });
     assert_eq!(live.len(), again.len(), "{}", segment.display());

@@ -1,4 +1,4 @@
-//! What recorded flights show is not called blind, and the same out of focus is.
+//! Recorded flights are not reported as blind; the same flights out of focus are.
 //!
 //! All clips with LOOKOUT_ALL_FLIGHTS=1; LOOKOUT_MEASURE=1 prints what is measured in them.
 #![cfg(feature = "std")]
@@ -82,7 +82,7 @@ fn recorded_flights_are_seen_and_out_of_focus_they_are_not() {
                 continue;
             }
             assert!(blind.iter().all(|blind| !blind.any()), "{name}: {blind:?}");
-            // Where there are edges at all, they are told from soft ones.
+            // Where there are edges at all, sharp ones are distinguished from soft ones.
             let edges = Measures::of(&frames[frames.len() / 2]).steep.is_some();
             let mut sight = Sight::default();
             let soft = |frame: &Arc<Frame>| sight.judge(&Arc::new(blurred(frame, 6.0)));

@@ -55,7 +55,7 @@ fn memory_stays_flat() {
     );
     let start = Instant::now();
     let run = Run::start(&text, open, faults);
-    // The rates that are told, each for the time since the one before, add up to the frames looked at.
+    // The rates that are sent, each for the time since the one before, add up to the frames processed.
     let (mut frames, mut told) = (0.0, Instant::now());
     let (mut first, mut warm, mut most) = (None, None, 0);
     let (mut warm_files, mut most_files) = (None, 0);
@@ -92,7 +92,7 @@ fn memory_stays_flat() {
         start.elapsed().as_secs_f64()
     );
     assert!(summary.frames as f64 > f64::from(wanted) / 2.0, "{} frames", summary.frames);
-    // What waits for the disk varies: some frames more or less.
+    // The queue to the disk varies by some frames.
     let frame = (size().0 * size().1 / 1024) as u64;
     assert!(most.saturating_sub(warm) < 1500 + 30 * frame, "{warm} kB grew to {most} kB");
     // The files of a segment that ends and of the one that begins, and a picture.

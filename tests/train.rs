@@ -28,7 +28,7 @@ fn command(folder: &TempDir, args: &[&str]) -> Command {
     command
 }
 
-/// What a run that succeeds says.
+/// Standard error of a run that must succeed.
 fn train(folder: &TempDir, args: &[&str]) -> String {
     let output = run(folder, args);
     let text = String::from_utf8(output.stderr).unwrap();
@@ -110,7 +110,7 @@ fn two_clips_are_enough_and_one_is_said_to_be_too_few() {
     assert_eq!(settings["hold_back"], 2);
     assert!(model.calibration().knots().next().is_some(), "the second clip is measured");
 
-    // What a training leaves behind: the model and its log; no text of the user's is written or changed.
+    // A training writes the model and its log; no text of the user's is written or changed.
     let names = |folder: &Path| {
         let mut names: Vec<String> = fs::read_dir(folder)
             .unwrap()

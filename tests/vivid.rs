@@ -318,7 +318,7 @@ fn a_camera_that_is_unplugged_comes_back() {
     }
     assert!(error.is_gone(), "{error}");
     let delay = noticed.saturating_duration_since(unplugged);
-    eprintln!("noticed {delay:?} after the driver was told to leave");
+    eprintln!("noticed {delay:?} after the driver was unbound");
     assert!(delay < Duration::from_secs(1), "{delay:?}");
     drop(camera);
     assert!(!vivid.path.exists());

@@ -9,19 +9,19 @@ use std::format;
 #[command(name = "lookout", version, arg_required_else_help = true)]
 #[command(after_help = "LOOKOUT_LOG=debug (or info, trace) tells more on standard error.")]
 pub struct Cli {
-    /// What to do.
+    /// The verb.
     #[command(subcommand)]
     pub verb: Verb,
 }
 
-/// What the program can do.
+/// Verbs of the program.
 #[derive(Debug, Clone, Subcommand)]
 pub enum Verb {
     /// Render a flight: frames, ground truth and what camera and target did
     Simulate(super::simulate::SimulateArgs),
     /// Find flying objects in a recorded flight, or in a simulated one
     Replay(replay::ReplayArgs),
-    /// Watch through a live camera and tell autopilot and ground station, as a service
+    /// Run on a live camera as a service that reports to autopilot and ground station
     Run(live::RunArgs),
     /// Measure accuracy on a folder of clips with ground truth
     Eval(evaluate::EvalArgs),

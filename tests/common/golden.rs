@@ -8,7 +8,7 @@ use lookout::stcube::compensation::Alignment;
 /// The model: that of `sections` in `mod.rs`, as a file.
 pub static MODEL: &[u8] = include_bytes!("golden.lkm");
 
-/// What the detector is made for: small enough for a microcontroller.
+/// Configuration of the detector: small enough for a microcontroller.
 pub const CONFIG: Config = Config {
     max_target: 40,
     candidates: 24,

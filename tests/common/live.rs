@@ -48,7 +48,7 @@ impl LiveSource for Drawn {
     }
 }
 
-/// What can go wrong with a camera.
+/// Faults of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Fault {

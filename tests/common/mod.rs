@@ -17,7 +17,7 @@ pub type Sections = [Vec<u8>; Section::ALL.len()];
 /// One tree: reject threshold, nodes in heap order, leaves from left to right.
 pub type Tree = (i32, Vec<(u16, u16)>, Vec<i16>);
 
-/// What the models here say they were trained with.
+/// Provenance of the models here.
 pub const METHOD: Method = Method {
     registration: true,
     temporal: true,

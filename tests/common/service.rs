@@ -20,7 +20,7 @@ pub fn lookout(args: &[&str]) -> Command {
 /// A service under way; ended with the test.
 pub struct Service {
     pub child: Child,
-    /// What it said on standard error so far, and the thread that takes it down.
+    /// Its standard error so far, and the thread that reads it.
     pub log: Arc<Mutex<String>>,
     scribe: Option<JoinHandle<()>>,
     pub folder: TempDir,

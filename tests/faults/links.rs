@@ -40,7 +40,7 @@ fn heartbeat() -> Vec<u8> {
     Payload::new(&data).frame(255, 190, 0, false).raw_bytes().into()
 }
 
-/// Writes `bytes` again and again, with a pause, until told to stop.
+/// Writes `bytes` repeatedly, with a pause, until stopped.
 fn flood(
     mut stream: TcpStream,
     bytes: Vec<u8>,

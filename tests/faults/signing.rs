@@ -48,7 +48,7 @@ fn a_restart_makes_no_old_command_valid() {
     let mut ground = Ground::default();
     let text = format!(
         "system_id = 1\nsigning_key = 'FOLDER/key'\nparameters = 'FOLDER/parameters'\n{}",
-        // Nothing else is heard: the commands alone tell how far the times have come.
+        // Nothing else is received: the commands alone show how far the times have come.
         settings(&ground).replace("simulate:hover", "simulate:none")
     );
     let service = Service::start(&text, |_, folder| prepare(folder));

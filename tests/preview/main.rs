@@ -313,7 +313,7 @@ fn the_picture_is_the_one_published() {
         !preview.wants_picture()
     });
     assert!(rests, "not yet again");
-    // What is published without a picture leaves the one before, and what was seen in it.
+    // A snapshot without a picture keeps the picture before, and the boxes in it.
     preview.publish(quiet(2));
     let answer = get(&preview, "/frame.jpg");
     assert_eq!((answer.status, answer.field("Content-Type")), (200, Some("image/jpeg")));

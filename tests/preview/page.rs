@@ -76,7 +76,7 @@ fn rows(browser: &mut Browser, id: &str) -> Value {
     ))
 }
 
-/// What holds for every screen: nothing is cut off at the side, every text can be read.
+/// Checks for every screen: nothing is cut off at the side, every text can be read.
 fn fits(browser: &mut Browser, name: &str) {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("preview-{name}.png"));
     browser.photograph(&path);
@@ -188,7 +188,7 @@ fn the_page_says_what_was_published() {
     browser.reads("level", "Caution");
     fits(&mut browser, "desktop-caution-dark");
 
-    // What is no number is not shown as one, and no name is taken for a part of the page.
+    // NaN is not shown as a number, and names are escaped.
     let mut odd = warning(0);
     odd.health.frames_per_second = f64::NAN;
     odd.tracks[1].azimuth_deg = f64::NAN;

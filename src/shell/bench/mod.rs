@@ -25,7 +25,7 @@ use std::vec::Vec;
 /// Arguments of `lookout bench`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BenchArgs {
-    /// What `replay` takes as INPUT; sim: a simulated flight
+    /// Input as for `replay`; sim: a simulated flight
     #[arg(long, value_name = "INPUT|sim", default_value = "sim")]
     input: PathBuf,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! What an examination of one link asks, hears and concludes. A state machine without I/O and clock.
+//! Examination of one link: requests, answers and findings. A state machine without I/O and clock.
 
 pub use super::finding::{Finding, Mark};
 use super::finding::{good, note};
@@ -225,7 +225,7 @@ impl Examination {
         self.frames > 0
     }
 
-    /// What was found, in the order of importance.
+    /// The findings, most important first.
     pub fn findings(&self) -> Vec<Finding> {
         let missing = |text: &str| Finding { mark: Mark::Missing, text: text.into() };
         let Some(autopilot) = &self.autopilot else {

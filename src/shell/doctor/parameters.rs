@@ -9,10 +9,10 @@ use crate::mavlink::dialect::{MavAutopilot, MavParamType};
 use std::format;
 use std::string::String;
 
-/// What the user wants the lookout's messages to do.
+/// Purpose of the lookout's messages on the autopilot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
 pub enum Purpose {
-    /// Other aircraft are told to the autopilot: ADSB_VEHICLE
+    /// Traffic is sent to the autopilot: ADSB_VEHICLE
     Traffic,
     /// The vehicle keeps off what is near: OBSTACLE_DISTANCE, OBSTACLE_DISTANCE_3D
     Proximity,
@@ -215,8 +215,8 @@ pub fn checks(kind: MavAutopilot) -> &'static [Check] {
 }
 
 impl Check {
-    /// What the autopilot's answer means; `value` is `None` without an answer, `wanted` tells whether the user sends
-    /// this message.
+    /// Finding for the autopilot's answer. `value` is `None` without an answer; `wanted`: whether the user sends messages
+    /// for this purpose.
     pub fn find(&self, name: &str, value: Option<f64>, wanted: bool) -> Finding {
         let (mark, text) = match value {
             Some(value) => {

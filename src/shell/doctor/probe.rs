@@ -1,7 +1,7 @@
-//! Whether our messages come back: an obstacle is told to the autopilot, and its own telemetry watched for it.
+//! Probe of the way to the autopilot: an obstacle is sent, and the autopilot's telemetry is searched for it.
 //!
 //! ArduPilot repeats the proximity it took as DISTANCE_SENSOR, one for each octant, and has a bit for it in SYS_STATUS.
-//! PX4 tells what it made of it as OBSTACLE_DISTANCE.
+//! PX4 sends its fused obstacles as OBSTACLE_DISTANCE.
 
 use super::finding::{Finding, Mark};
 use crate::mavlink::dialect::{
@@ -13,9 +13,9 @@ use std::format;
 use std::string::String;
 use std::vec::Vec;
 
-/// Where the obstacle is told to be, in centimetres ahead.
+/// Distance of the probe's obstacle, in centimetres ahead.
 const AHEAD: u16 = 1234;
-/// What may be lost when the autopilot computes in metres.
+/// Tolerance of its distance for rounding in the autopilot.
 const ROUNDING: u16 = 2;
 /// Microseconds from the start to the first of these messages: armed vehicles are to be known by then.
 const WAIT_US: i64 = 1_500_000;
@@ -91,7 +91,7 @@ impl Probe {
         }
     }
 
-    /// What the probe showed.
+    /// Findings of the probe.
     pub fn findings(&self, armed: bool, kind: MavAutopilot) -> Vec<Finding> {
         let missing = |text: String| Finding { mark: Mark::Missing, text };
         let good = |text: String| Finding { mark: Mark::Good, text };

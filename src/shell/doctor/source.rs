@@ -1,4 +1,4 @@
-//! What a source gives: size, rate, jitter and one picture, or why there is none.
+//! Examination of a source: size, rate, jitter and one picture, or the reason for a failure.
 
 use super::{DoctorError, Finding, Mark};
 use crate::shell::error::Error;
@@ -81,7 +81,7 @@ fn settings_of(source: &SourceSetting) -> Result<Config, Error> {
     Ok(config)
 }
 
-/// What was measured.
+/// Measured properties of a source.
 #[derive(Debug, Default)]
 struct Watched {
     frames: u32,
@@ -115,7 +115,7 @@ fn watch(config: &Config, span: Duration) -> Result<(Watched, Arc<Frame>), LiveE
                         watched.passed_over += taken.passed_over;
                         watched.intervals.push(frame.time_us - before.time_us);
                     }
-                    // What came while it was opened is no measure.
+                    // Frames that arrived while it was opened are not counted.
                     None => start = Instant::now(),
                 }
                 let frame = Arc::new(frame);

@@ -253,7 +253,7 @@ fn what_is_off_is_named() {
     assert_eq!(missing.len(), 2, "{missing:?}");
     assert!(missing[0].starts_with("ADSB_VEHICLE: ADSB_TYPE is 0: "), "{missing:?}");
     assert!(missing[1].starts_with("ADSB_VEHICLE: AVD_ENABLE: no answer"), "{missing:?}");
-    // Not asked for, so only told.
+    // Not wanted, so only reported.
     assert_eq!(line(&findings, "PRX1_TYPE is 0").mark, Mark::Note);
     // With the probe it is asked for, and nothing comes back.
     let (findings, _) = examine(&mut autopilot, &[Purpose::Traffic], true);

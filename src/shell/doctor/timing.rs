@@ -90,7 +90,7 @@ impl Sync {
         Some((offset, round_trip / 2))
     }
 
-    /// What is known of the autopilot's time.
+    /// Estimate of the autopilot's time.
     pub fn find(&self) -> Finding {
         let Some((_, error)) = self.offset() else {
             let text = "time sync: TIMESYNC is not answered; a frame's attitude is taken by the time of arrival".into();

@@ -17,7 +17,7 @@ pub const SEED: u64 = 1;
 /// Share of the draws that an interval holds.
 pub const LEVEL: f64 = 0.95;
 
-/// With targets in fewer clips than this there is no interval: drawing them again tells nothing.
+/// With targets in fewer clips than this there is no interval: resampling so few is meaningless.
 pub const FEWEST_CLIPS: usize = 3;
 
 /// A figure and its confidence interval; none where too few clips have targets.

@@ -20,12 +20,12 @@ use std::path::Path;
 use std::time::Instant;
 use std::vec::Vec;
 
-/// What one clip gave.
+/// Results of one clip.
 #[derive(Debug, Default)]
 pub struct ClipResult {
-    /// What was found.
+    /// Detections.
     pub found: Vec<Found>,
-    /// What the scan did.
+    /// Counts of the scan.
     pub scan: ScanCounts,
     /// Time of each frame in the detector, milliseconds.
     pub times_ms: Vec<f64>,
@@ -39,13 +39,13 @@ pub struct ClipResult {
     pub registration: Option<ClipRegistration>,
     /// Texture around each target that must be found, grey levels.
     pub textures: Vec<f64>,
-    /// What a report needs beside.
+    /// Additional data for a report.
     pub seen: Option<Seen>,
     /// Tracks and alerts.
     pub tracks: Option<ClipTracks>,
 }
 
-/// What the scan did, summed over frames.
+/// Counts of the scan, summed over frames.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ScanCounts {
     frames: u64,
@@ -126,7 +126,7 @@ impl From<ScanCounts> for ScanFigures {
     }
 }
 
-/// What a run takes from the command line.
+/// Command-line options of a run.
 #[derive(Debug, Clone, Copy)]
 pub struct RunSettings<'a> {
     /// None where nothing is learned.

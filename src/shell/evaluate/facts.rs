@@ -14,7 +14,7 @@ use std::{format, fs};
 /// Frames a second where no `camera.json` says otherwise.
 const DEFAULT_RATE: f64 = 30.0;
 
-/// What is known of a clip.
+/// Properties of a clip.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Facts {
     /// Frames a second.

@@ -56,7 +56,7 @@ pub enum EvaluateError {
     NoClips {
         /// The folder.
         path: PathBuf,
-        /// What was asked for.
+        /// The names given.
         names: Vec<String>,
     },
     /// A folder that holds detections of none of the clips.

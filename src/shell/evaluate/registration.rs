@@ -47,7 +47,7 @@ impl RegistrationWatch {
         self.last.get_or_insert_default().clone_from(frame);
     }
 
-    /// What the clip gave.
+    /// Figures of a clip.
     pub fn finish(self) -> ClipRegistration {
         self.result
     }

@@ -32,7 +32,7 @@ pub struct WorkingPoint {
 }
 
 impl WorkingPoint {
-    /// What `--threshold` asks for, else the model's score for a precision of 0.9.
+    /// The score of `--threshold`, else the model's score for a precision of 0.9.
     pub fn new(model: Option<&Model<'_>>, least: Option<f64>) -> Self {
         if least.is_some() {
             return Self { score: least, stated_precision: None };
@@ -94,7 +94,7 @@ pub struct Summary {
     broken: Vec<Broken>,
 }
 
-/// What a summary is made of.
+/// Inputs of a summary.
 #[derive(Debug, Clone, Copy)]
 pub struct Parts<'a> {
     /// Name of the method, where several are run.

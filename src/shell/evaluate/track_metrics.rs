@@ -112,7 +112,7 @@ pub struct RangeSample {
     pub tracked: bool,
 }
 
-/// What a clip gave.
+/// Figures of a clip.
 #[derive(Debug, Clone, Default)]
 pub struct ClipTracks {
     /// The clip.
@@ -261,7 +261,7 @@ impl<'a> ClipWatch<'a> {
         Ok(())
     }
 
-    /// What the clip gave.
+    /// Figures of the clip.
     pub fn finish(self) -> ClipTracks {
         let collision = self.result.kind == "collision";
         let wrong = |t: &TrackResult| !collision || t.is_false() || t.is_bird();

@@ -30,7 +30,7 @@ pub struct QuietClip<'a> {
     pub hours: f64,
 }
 
-/// What raised a false report, as far as labels and tables say.
+/// Cause of a false report, as far as labels and tables have it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Cause {

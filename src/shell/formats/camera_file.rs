@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
 
-/// Where a camera's numbers are from.
+/// Source of a camera's calibration and mounting.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Camera")]
 pub struct CameraArgs {
@@ -29,7 +29,7 @@ pub struct CameraArgs {
 }
 
 impl CameraArgs {
-    /// The camera for frames of this size; `own` is what the source knows of it.
+    /// The camera for frames of this size; `own` is the calibration that comes with the source.
     ///
     /// # Errors
     /// [`FormatError::Camera`] naming the file and the field, [`FileError::Read`].
@@ -83,7 +83,7 @@ impl CameraArgs {
     }
 }
 
-/// What `camera.json` says; pixel centres are at whole numbers there.
+/// Contents of `camera.json`; pixel centres are at whole numbers there.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct CameraFile {
     /// Width in pixels.
@@ -98,7 +98,7 @@ pub struct CameraFile {
     pub cx: f64,
     /// See `cx`.
     pub cy: f64,
-    /// What the other aircraft does, where it is known.
+    /// Manoeuvre of the other aircraft, where it is known.
     #[serde(default)]
     pub kind: Option<String>,
 }

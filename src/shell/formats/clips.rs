@@ -28,7 +28,7 @@ pub struct Clip {
     pub input: PathBuf,
     /// The labelled boxes.
     pub ground_truth: GroundTruth,
-    /// What `seqinfo.ini` says of the frames.
+    /// Rate, number and size of the frames by `seqinfo.ini`.
     pub info: SeqInfo,
 }
 
@@ -55,7 +55,7 @@ impl Clip {
     }
 }
 
-/// A source whose frames come at a constant rate, whatever it says itself.
+/// A source whose frames get times at a constant rate in place of their own.
 struct AtRate {
     source: Box<dyn FrameSource>,
     /// Frames a second.
@@ -216,7 +216,7 @@ pub enum ClipsError {
     Read {
         /// Which one.
         path: PathBuf,
-        /// What the system said.
+        /// The system's reason.
         source: io::Error,
     },
     /// A folder without clips.

@@ -32,7 +32,7 @@ pub struct Found {
     pub frame: u64,
     /// Where it is.
     pub rect: Box4,
-    /// Larger is surer.
+    /// Score; larger is more likely a target.
     pub score: f64,
 }
 
@@ -114,7 +114,7 @@ impl TextFile {
     /// [`FileError::Write`]; what was written of the piece is taken back where the file allows it.
     pub fn write(&mut self, piece: &str) -> Result<(), FormatError> {
         if let Err(source) = self.file.write_all(piece.as_bytes()) {
-            // Best effort: the error that is told is the first one.
+            // Best effort: the first error is returned.
             let _ = self.file.set_len(self.whole);
             let _ = self.file.seek(io::SeekFrom::Start(self.whole));
             return Err(FileError::Write { path: self.path.clone(), source }.into());
@@ -147,7 +147,7 @@ struct FrameLine {
     /// [`crate::registration::global_motion::Motion::parameters`].
     motion: [i32; 8],
     detections: Vec<DetectionLine>,
-    /// What is followed, where something is.
+    /// Tracks, where objects are tracked.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     tracks: Option<Vec<TrafficLine>>,
 }

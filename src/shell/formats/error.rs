@@ -1,10 +1,10 @@
-//! What is wrong in a text file or camera file.
+//! Errors of text files and camera files.
 
 use crate::shell::support::file_error::FileError;
 use std::path::PathBuf;
 use std::string::String;
 
-/// A file that cannot be read, or does not say what it should.
+/// Why a file cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum FormatError {
     /// The system refuses the file.
@@ -18,7 +18,7 @@ pub enum FormatError {
         /// The field, and what is expected.
         reason: String,
     },
-    /// A line of a text file that does not say what it should.
+    /// A line of a text file that is not understood.
     #[error("{} line {line}: {reason}", path.display())]
     Line {
         /// The file.

@@ -22,7 +22,7 @@ pub struct GroundTruth {
     pub notes: Notes,
 }
 
-/// Rows of a `gt.txt` that need a word to the user.
+/// Counts of rows of a `gt.txt` that are reported to the user.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Notes {
     /// Rows with a `conf` of 0: kept with a visibility of 0, so that they are ignored.
@@ -46,7 +46,7 @@ pub struct TruthBox {
     pub width: f64,
     /// Height, above 0.
     pub height: f64,
-    /// What it is.
+    /// Its class.
     pub class: Class,
     /// Share of the object that is seen, 0..=1; below 1 it is cut by the frame's edge or covered.
     pub visibility: f64,
@@ -80,7 +80,7 @@ impl TruthBox {
         self.width.max(self.height)
     }
 
-    /// The box in a frame of so many times the width and height.
+    /// The box in a frame scaled by these factors.
     pub fn scaled(&self, across: f64, down: f64) -> Self {
         Self {
             left: self.left * across,
@@ -110,12 +110,12 @@ pub enum TruthError {
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What is wrong with it.
+        /// The reason.
         reason: LineError,
     },
 }
 
-/// What is wrong with a line.
+/// Why a line is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LineError {
     /// A field that is no number.
@@ -337,7 +337,7 @@ fn parse_line(line: &str, notes: &mut Notes) -> Result<(u64, TruthBox), LineErro
 }
 
 impl Notes {
-    /// A sentence for each kind of row that was read otherwise than it stands.
+    /// A sentence for each kind of row that was changed or left out in reading.
     pub fn sentences(&self) -> Vec<String> {
         let rows = |n: usize| if n == 1 { "1 row".to_owned() } else { format!("{n} rows") };
         let mut all = vec![];

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::string::String;
 use std::{format, fs, io};
 
-/// What the file says; each value where it is given.
+/// Values of the file; `None` where it has none.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SeqInfo {
     /// `imDir`: folder of the pictures.
@@ -40,7 +40,7 @@ pub enum SeqInfoError {
         key: &'static str,
         /// Its text.
         value: String,
-        /// What belongs there.
+        /// The expected form.
         expected: &'static str,
     },
 }

@@ -170,7 +170,7 @@ pub enum TlogError {
         path: PathBuf,
         /// How far it was read.
         offset: u64,
-        /// What the system said.
+        /// The system's reason.
         source: io::Error,
     },
     /// No message in the whole file.

@@ -1,4 +1,4 @@
-//! What was true in a recorded or simulated flight: `truth.csv`.
+//! Attitude of the camera and direction of the targets in each frame of a flight: `truth.csv`.
 
 use super::error::FormatError;
 use crate::shell::support::file_error::FileError;

@@ -9,7 +9,7 @@ use std::string::{String, ToString};
 use std::vec::Vec;
 use std::{format, fs};
 
-/// What boxes of a class become.
+/// Mapping of a data set's class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mapped {
     /// Boxes of this class.
@@ -81,7 +81,7 @@ impl ClassMap {
         Ok(Self { table })
     }
 
-    /// What boxes of the class `name` become.
+    /// Mapping of the class `name`.
     pub fn get(&self, name: &str) -> Option<Mapped> {
         self.table.get(name).copied().or_else(|| {
             let plain: String = name.chars().filter(|c| c.is_alphanumeric()).collect();

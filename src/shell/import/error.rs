@@ -57,7 +57,7 @@ pub enum ImportError {
         what: &'static str,
         /// Its text; empty where it is missing.
         value: String,
-        /// What belongs there.
+        /// The expected form.
         expected: &'static str,
     },
     /// A picture whose size cannot be read.

@@ -11,7 +11,7 @@ use std::string::String;
 use std::vec::Vec;
 use std::{format, fs, io};
 
-/// What was written.
+/// Counts of clips and labels that were written.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Written {
     /// Clips.

@@ -105,7 +105,7 @@ pub struct TcpPeer {
     since: Instant,
 }
 
-/// What carries the bytes.
+/// Socket or device of a link.
 #[derive(Debug)]
 enum Medium {
     /// Datagrams to and from one peer that is known beforehand.

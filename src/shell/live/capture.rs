@@ -18,7 +18,7 @@ const SLICE: Duration = Duration::from_millis(100);
 const FIRST_WAIT: Duration = Duration::from_millis(200);
 const LAST_WAIT: Duration = Duration::from_secs(5);
 
-/// What the capture does.
+/// State of the capture.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Camera {
     /// Opens the source.
@@ -32,7 +32,7 @@ pub enum Camera {
     Ended,
 }
 
-/// What others see of the capture.
+/// Shared view of the capture.
 #[derive(Debug, Default)]
 pub struct Capture {
     /// The newest frame.
@@ -48,7 +48,7 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// What it does now.
+    /// Its state.
     pub fn state(&self) -> Camera {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

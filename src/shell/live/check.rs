@@ -18,7 +18,7 @@ use std::{format, io};
 pub struct Fault {
     /// The key, as `camera.calibration`.
     pub key: &'static str,
-    /// What is wrong, and what to do.
+    /// The problem and its remedy.
     pub text: String,
     /// Whether `lookout run` starts nevertheless: a device may be plugged in later, a folder is made.
     pub starts: bool,
@@ -42,7 +42,7 @@ pub fn does_nothing(config: &Config) -> bool {
         && config.record.is_none()
 }
 
-/// What [`does_nothing`] means, in words.
+/// Text of the warning of [`does_nothing`].
 pub const NOTHING: &str = "nothing to do: there is no link, preview, event_log or record; traffic is watched and reported to nobody";
 
 /// All faults of what the settings name, in the order of the keys.

@@ -1,7 +1,7 @@
 //! Health of the picture: too dark, glare, frozen, blurred.
 //!
 //! Each reason must last before it counts, and must be gone for as long before it does not. A picture is blurred when it
-//! has strong edges and even the steepest of them rise slowly: a night sky or a plain one has none, and tells nothing.
+//! has strong edges and even the steepest of them rise slowly: a night sky or a plain one has none and is not judged.
 //!
 //! Measured on all development flights (tests/sight.rs): the steepest tenth of the edges rises by 9 to 16 sixteenths
 //! within two pixels, by 6 to 8 out of focus by a standard deviation of 2 pixels, 5 to 7 by 3, 4 to 5 by 5.
@@ -164,7 +164,7 @@ mod tests {
         Arc::new(Frame { pixels, width: 160, height: 120, time_us })
     }
 
-    /// What is judged of pictures ten times a second, at each of which the time is part of the picture.
+    /// Findings for pictures ten times a second whose content depends on the time.
     fn judge(sight: &mut Sight, from: i64, grey: impl Fn(usize, usize) -> u8) -> Vec<u8> {
         let picture = |i: i64| {
             let noise = |x: usize, y: usize| ((x * 7 + y * 13 + i as usize * 5) % 3) as u8;

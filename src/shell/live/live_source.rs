@@ -4,7 +4,7 @@ use crate::shell::sources::{Frame, SourceError};
 use std::string::String;
 use std::time::Duration;
 
-/// What came with a frame.
+/// Counts and times that come with a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Taken {
     /// Frames lost before this one: for want of a buffer, or damaged.

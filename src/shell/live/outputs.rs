@@ -73,7 +73,7 @@ pub struct Outputs {
     /// Whether the last attempt to open failed, by [`Kind`], and when the next one is due.
     failed: [bool; Kind::ALL.len()],
     next_us: i64,
-    /// What the page shows, less the picture.
+    /// State for the page, without the picture.
     shown: Snapshot,
 }
 

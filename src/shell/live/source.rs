@@ -18,7 +18,7 @@ use std::ffi::OsString;
 use std::format;
 use std::path::Path;
 
-/// Makes a source as the settings say; what a simulated vehicle tells goes into the channel.
+/// Makes the source of the settings; telemetry of a simulated vehicle goes into the channel.
 pub type Open =
     dyn Fn(&Config, &Sender<Inbound>) -> Result<Box<dyn LiveSource>, LiveError> + Send + Sync;
 
@@ -74,7 +74,7 @@ fn is_pipe(path: &Path) -> bool {
     path.metadata().is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
 }
 
-/// What the source itself knows of its camera.
+/// Calibration that comes with the source.
 ///
 /// # Errors
 /// As [`CameraFile::beside`].

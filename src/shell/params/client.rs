@@ -18,7 +18,7 @@ const RETRY_US: i64 = 700_000;
 /// Microseconds from one heartbeat to the next: a link that listens answers those it heard.
 const BEAT_US: i64 = 1_000_000;
 
-/// What is asked for.
+/// A request to the lookout.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Wish {
     /// Parameters of these names; none: all.

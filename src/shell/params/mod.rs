@@ -30,7 +30,7 @@ pub struct ParamsArgs {
     verb: ParamsVerb,
 }
 
-/// What to do with the parameters.
+/// Operations on parameters.
 #[derive(Debug, Clone, clap::Subcommand)]
 enum ParamsVerb {
     /// Print parameters: NAME VALUE a line; without names all of them

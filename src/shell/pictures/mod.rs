@@ -48,7 +48,7 @@ impl Pictures {
     /// [`FileError::Write`].
     pub fn create(path: &Path) -> Result<Self, PictureError> {
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4")) {
-            // Told now rather than by the encoder after some frames.
+            // An unwritable path fails here rather than in the encoder after some frames.
             fs::File::create(path).map_err(FileError::write(path))?;
             Ok(Self::Video(Video { path: path.into(), state: State::Empty }))
         } else {
@@ -92,7 +92,7 @@ fn write_png(path: &Path, picture: &Picture) -> Result<(), PictureError> {
         .write_image(&picture.rgb, width, height, ExtendedColorType::Rgb8)
         .map_err(|e| FileError::Write { path: path.into(), source: io::Error::other(e) })?;
     fs::write(path, bytes).map_err(|source| {
-        // Half a picture is of no use; the error that is told is the first one.
+        // Half a picture is of no use; the first error is returned.
         let _ = fs::remove_file(path);
         FileError::Write { path: path.into(), source }.into()
     })
@@ -131,17 +131,17 @@ impl Video {
                 let mut encoder = Encoder::start(&self.path, first, rate.clamp(1.0, 1000.0))?;
                 let written = encoder.write(first).and_then(|()| encoder.write(picture));
                 self.state = State::Running(encoder);
-                self.told(written)
+                self.explained(written)
             }
             State::Running(encoder) => {
                 let written = encoder.write(picture);
-                self.told(written)
+                self.explained(written)
             }
         }
     }
 
     /// The encoder's own words where a write to it failed.
-    fn told(&mut self, written: io::Result<()>) -> Result<(), PictureError> {
+    fn explained(&mut self, written: io::Result<()>) -> Result<(), PictureError> {
         let Err(error) = written else { return Ok(()) };
         match std::mem::replace(&mut self.state, State::Empty) {
             State::Running(encoder) => encoder.finish(&self.path)?,
@@ -158,7 +158,7 @@ impl Video {
                 let mut video = Self { path: self.path, state: State::Empty };
                 let written = encoder.write(&picture);
                 video.state = State::Running(encoder);
-                video.told(written)?;
+                video.explained(written)?;
                 video.finish()
             }
             State::Running(encoder) => encoder.finish(&self.path),
@@ -206,7 +206,7 @@ impl Encoder {
         let (input, stderr) = child.stdin.take().zip(child.stderr.take()).expect("both are piped");
         let complaints = thread::spawn(move || {
             let mut bytes = Vec::new();
-            // What can be read of its words is enough.
+            // The readable part of its messages is enough.
             let _ = io::BufReader::new(stderr).read_to_end(&mut bytes);
             String::from_utf8_lossy(&bytes).into_owned()
         });
@@ -225,7 +225,7 @@ impl Encoder {
         if complaints.contains("No space left on device") {
             return Err(FileError::write(path)(io::ErrorKind::StorageFull.into()).into());
         }
-        // A failure while closing the file ends with status 0: complaints count, the first one tells most.
+        // A failure while closing the file ends with status 0: messages count, the first one says most.
         let reason = match (complaints.lines().find(|line| !line.trim().is_empty()), status) {
             (Some(line), _) => line.into(),
             (None, Ok(status)) if status.success() => return Ok(()),

@@ -1,4 +1,4 @@
-//! What the detector saw of an object: the window around it in the frames of its st-cube, side by side.
+//! The slices of a detection's st-cube, side by side.
 
 use crate::shell::formats::detections::Box4;
 use crate::shell::sources::Frame;

@@ -22,7 +22,7 @@ pub enum PipelineError {
     Model {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The reason.
         source: ModelError,
     },
     /// No model of a method, or one of another method.
@@ -32,25 +32,25 @@ pub enum PipelineError {
         method: MethodName,
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The reason.
         reason: String,
     },
-    /// A precision is asked for of a model that does not know what its scores are worth.
+    /// `--min-precision` with a model that has no table of precisions.
     #[error(
         "--min-precision {wanted:.3}: the model has no table of precisions; give --threshold, or measure one with `lookout train --calibrate`"
     )]
     NotCalibrated {
-        /// What was asked for.
+        /// The precision given.
         wanted: f64,
     },
-    /// A precision is asked for that the model does not reach.
+    /// `--min-precision` above the highest precision of the model.
     #[error(
         "--min-precision {wanted:.3}: no score of this model reached more than {best:.3}; ask for less, or give --threshold"
     )]
     Precision {
-        /// What was asked for.
+        /// The precision given.
         wanted: f64,
-        /// The best that was measured.
+        /// The highest precision in the model's table.
         best: f64,
     },
     /// A source that holds no frame at all.

@@ -1,6 +1,6 @@
 //! The methods that are compared, each as what it shares with the detector and what it leaves out.
 //!
-//! The paper's competitors (its table 1 and section 4.4), as far as they can be told in parts of one detector: the same
+//! The paper's competitors (its table 1 and section 4.4), as far as they are combinations of one detector's parts: the same
 //! frames, boxes, negatives, trees, box regressors and non-maximum suppression. What differs stands in [`Recipe`] alone.
 
 use crate::channels::history::History;
@@ -59,7 +59,7 @@ pub enum Learner {
     Bagging,
 }
 
-/// What the features of a cube may look at.
+/// Slices that the features of a cube may use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sees {
     /// Boxes of all slices, and the way Algorithm 1 took.
@@ -70,7 +70,7 @@ pub enum Sees {
     Grid,
 }
 
-/// What is trained, and on what.
+/// A method: the parts that are trained, and their features.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Recipe {
     /// The parts that training and detector share.
@@ -79,7 +79,7 @@ pub struct Recipe {
     pub windows: Learner,
     /// Channels of the scan's map that these trees may ask, from the first one on (see [`crate::scan::aggregate::strips`]).
     pub map_channels: usize,
-    /// What features of cubes, for the classifier and the box, may see.
+    /// Slices that the features of classifier and box regressors may use.
     pub sees: Sees,
     /// Whether boxes are fitted by windows that are stretched to them: no part of the paper or of what it compares.
     pub fit: bool,

@@ -47,7 +47,7 @@ pub struct Ablation {
 }
 
 impl Ablation {
-    /// What is left of a method.
+    /// The method without the parts that are switched off.
     pub fn of(&self, method: Method) -> Method {
         Method {
             registration: method.registration && !self.no_registration,
@@ -59,7 +59,7 @@ impl Ablation {
     }
 }
 
-/// What every verb that runs the detector can be told.
+/// Options of every verb that runs the detector.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct DetectorArgs {
     /// Model file (default: the one shipped in this program)
@@ -71,10 +71,10 @@ pub struct DetectorArgs {
     /// Report detections from the score on from which this share of them was right on training clips held back, 0 to 1
     #[arg(long, value_name = "P", conflicts_with = "threshold", value_parser = parse_precision)]
     pub min_precision: Option<u32>,
-    /// Show the detector frames scaled to this size; what it finds is told in pixels of the frames as they are
+    /// Scale frames to this size before detection; results are in pixels of the unscaled frames
     #[arg(long, value_name = "WxH")]
     pub frame: Option<FrameSize>,
-    /// What to leave out.
+    /// Parts of the method to leave out.
     #[command(flatten)]
     pub ablation: Ablation,
     /// Ablation: do not follow detections through the slices by Algorithm 1
@@ -86,7 +86,7 @@ pub struct DetectorArgs {
 }
 
 impl DetectorArgs {
-    /// The least score that was asked for, if any: as it is, or by the model's table.
+    /// The least score to report by `--threshold` or `--min-precision`, if one is given.
     ///
     /// # Errors
     /// [`PipelineError::NotCalibrated`], [`PipelineError::Precision`].
@@ -207,17 +207,17 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// As much as `config` needs.
+    /// Memory for a detector of this configuration.
     pub fn new(config: &Config) -> Self {
         Self { bytes: vec![0; config.bytes_len()], words: vec![0; config.words_len()] }
     }
 
-    /// The bytes themselves.
+    /// The bytes for [`Buffers::bytes`].
     pub fn bytes(&mut self) -> &mut [u8] {
         &mut self.bytes
     }
 
-    /// The bytes and words themselves.
+    /// The bytes and words of [`Buffers`].
     pub fn parts(&mut self) -> (&mut [u8], &mut [u16]) {
         (&mut self.bytes, &mut self.words)
     }

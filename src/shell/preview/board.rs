@@ -1,4 +1,4 @@
-//! What is shown now: the loop writes it, the server reads it, neither waits for the other.
+//! The newest snapshot and picture: the main loop writes, the server reads, neither waits for the other.
 
 use super::snapshot::{Picture, Snapshot, Track};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -106,7 +106,7 @@ impl Board {
             && since.is_none_or(|since| since >= newest.pause)
     }
 
-    /// What the newest snapshot says.
+    /// The newest snapshot.
     pub fn read(&self) -> Reading {
         let newest = self.newest();
         Reading {

@@ -9,7 +9,7 @@ pub const MAX_REQUEST: usize = 8192;
 /// Most header fields of a request.
 const MAX_FIELDS: usize = 48;
 
-/// What was asked for.
+/// The request line.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Request<'a> {
     /// The method.
@@ -165,7 +165,7 @@ impl Response {
         self
     }
 
-    /// What is sent; without the body when only the `head` was asked for.
+    /// The bytes to send; without the body for a HEAD request.
     pub fn into_bytes(self, close: bool, head: bool) -> Vec<u8> {
         let mut text = std::format!("HTTP/1.1 {}\r\n{SAFE}", self.status.line());
         let mut field = |name: &str, value: &str| {

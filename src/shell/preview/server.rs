@@ -92,7 +92,7 @@ impl Server {
         }
     }
 
-    /// Takes connections; gives the time after which to try again without being told.
+    /// Accepts connections; returns the time after which to try again without an event.
     fn accept(&mut self, now: Instant) -> Option<Duration> {
         for _ in 0..MAX_CLIENTS {
             match self.listener.accept() {
@@ -123,7 +123,7 @@ struct Client {
     deadline: Instant,
     /// When it came, or got its last answer.
     served: Instant,
-    /// What came and was not understood yet, at most [`MAX_REQUEST`].
+    /// Received bytes of an incomplete request, at most [`MAX_REQUEST`].
     request: Vec<u8>,
 }
 
@@ -136,9 +136,9 @@ enum Step {
     Leaving,
 }
 
-/// What is next for a client.
+/// Next step for a client.
 enum Turn {
-    /// Its socket will tell.
+    /// Wait for an event of its socket.
     Wait,
     /// It wants another turn.
     More,

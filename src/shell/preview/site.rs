@@ -1,4 +1,4 @@
-//! What is to be seen at which address: the page, the state, the picture, the health for monitors.
+//! Routes: the page, the state, the picture, the health for monitors.
 
 use super::board::{Board, STALE, Shown};
 use super::guesses::Guesses;
@@ -38,7 +38,7 @@ pub struct Site {
     loopback: Option<IpAddr>,
     /// The whole page: one file, nothing from elsewhere.
     page: String,
-    /// What the page may do: run and look like this, and ask this server.
+    /// Content security policy of the page: its own script and style, requests to this server only.
     policy: String,
     /// The last picture that somebody asked for.
     encoded: Option<(u64, Vec<u8>)>,
@@ -219,7 +219,7 @@ fn given<'a>(request: &Request<'a>) -> Option<&'a str> {
     bearer.or_else(|| request.parameter("token"))
 }
 
-/// What keeps the lookout from watching.
+/// Reasons why nothing is watched.
 fn trouble(health: &Health, frame_age: Option<Duration>) -> Option<String> {
     let Some(age) = frame_age else { return Some("starting: no frame yet".into()) };
     if health.state == State::CameraGone {

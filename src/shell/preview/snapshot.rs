@@ -1,4 +1,4 @@
-//! What the page shows: plain data, one snapshot a frame.
+//! State shown on the page: plain data, one snapshot a frame.
 
 use crate::camera::Camera;
 use crate::mavlink::component::Component;

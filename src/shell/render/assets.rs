@@ -28,7 +28,7 @@ const PAUSE: usize = 12;
 /// An object in successive frames.
 pub type Run = Vec<Cutout>;
 
-/// What flights are rendered from.
+/// Photographs, cutouts and solid models that flights are rendered from.
 #[derive(Debug, Clone, Default)]
 pub struct Assets {
     pub(super) pictures: Vec<Picture>,

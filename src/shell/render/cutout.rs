@@ -30,7 +30,7 @@ pub struct Cutout {
     height: usize,
     /// Opacity and light of each pixel, row by row; light is grey levels times opacity.
     pixels: Vec<[u8; 2]>,
-    /// What is solid of it: left, top, width, height in its pixels.
+    /// Bounding box of its opaque part: left, top, width, height in its pixels.
     pub bounds: [f64; 4],
     /// Its class in the ground truth.
     pub class: Class,

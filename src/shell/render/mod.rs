@@ -63,7 +63,7 @@ use view::View;
 /// Smallest contrast of an object that has to be found, grey levels; a fainter one has visibility 0.5.
 const FAINT: f64 = 6.0;
 
-/// What is true in one frame of a flight. Angles in radians; x right, y down, z forward.
+/// Ground truth of one frame of a flight. Angles in radians; x right, y down, z forward.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FrameTruth {
     /// Yaw (to the right), pitch (nose up) and roll of the camera at the frame's middle row.
@@ -228,7 +228,7 @@ impl<'a> Flight<'a> {
         self.codec.switch_off()
     }
 
-    /// What the first target does.
+    /// Manoeuvre of the first target.
     pub fn kind(&self) -> Encounter {
         self.kind
     }

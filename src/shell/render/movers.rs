@@ -1,4 +1,4 @@
-//! What moves along the ground or shines on it and is no target: never in the ground truth.
+//! Distractors: objects that move along the ground, and glints. They are no targets and not in the ground truth.
 
 use super::assets::Assets;
 use super::cutout::Cutout;

@@ -11,7 +11,7 @@ use std::vec::Vec;
 /// Side of a painted picture, pixels.
 const SIDE: usize = 56;
 
-/// What is painted; its longer side is along y.
+/// A shape with its texture; its longer side is along y.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Thing {
     /// A person seen from the side.

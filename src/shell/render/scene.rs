@@ -319,7 +319,7 @@ impl Scene {
         f64::from(self.relief[y * self.width.div_ceil(2) + x][0]) / 255.0
     }
 
-    /// What stands at texture coordinates on this relief, seen from `position`: direction, not normalised, and distance,
+    /// The point of the relief at texture coordinates, seen from `position`: direction, not normalised, and distance,
     /// metres (none in the sky).
     pub(super) fn seen(
         &self,

@@ -10,7 +10,7 @@ use std::vec::Vec;
 /// Values of the noise; a power of two.
 const VALUES: usize = 1 << 16;
 
-/// What happens to a picture between lens and encoder.
+/// Degradations of a picture between lens and encoder.
 #[derive(Debug, Clone)]
 pub(super) struct SensorModel {
     /// Factor of each pixel, Q8.

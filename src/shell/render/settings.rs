@@ -50,7 +50,7 @@ pub struct Settings {
     pub motion: Motion,
     /// Image formation after the scene.
     pub sensor: Sensor,
-    /// What moves with or before the scene.
+    /// Distractors.
     pub scene: SceneSettings,
     /// Flying objects.
     pub targets: Targets,
@@ -114,7 +114,7 @@ pub struct Sensor {
     pub own_craft_probability: f64,
 }
 
-/// What moves with or before the scene and is no target.
+/// Numbers of distractors: moving objects that are no targets.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SceneSettings {

@@ -40,7 +40,7 @@ impl Tone {
     pub(super) const PLAIN: Self = Self { gain: 1.0, offset: 0.0, inverted: false, opacity: 1.0 };
 }
 
-/// What was drawn.
+/// Result of drawing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Drawn {
     /// Left, top, right, bottom of the visible pixels in the frame.

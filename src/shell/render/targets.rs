@@ -17,7 +17,7 @@ use std::vec::Vec;
 /// Metres a second that count as coming nearer.
 const CLOSING: f64 = 0.05;
 
-/// What a target does.
+/// Manoeuvre of a target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encounter {
     /// Flies across the view.
@@ -53,7 +53,7 @@ impl Encounter {
     }
 }
 
-/// What a flying object looks like.
+/// Appearance of a flying object.
 #[derive(Debug, Clone)]
 enum Figure<'a> {
     /// Frames of a recording, shown forth and back.

@@ -56,7 +56,7 @@ impl FlightArgs {
         }
     }
 
-    /// What is known of the camera beforehand: that of the simulated flight, or `camera.json` beside the input.
+    /// Calibration that comes with the input: that of the simulated flight, or `camera.json` beside it.
     ///
     /// # Errors
     /// As [`CameraFile::beside`].
@@ -72,7 +72,7 @@ impl FlightArgs {
         input.is_none().then(|| Telemetry::of(&self.settings))
     }
 
-    /// What errors call it.
+    /// Name in errors.
     pub fn name(&self, input: Option<&Path>) -> String {
         match input {
             Some(input) if input == Path::new("-") => "standard input".into(),

@@ -42,7 +42,7 @@ const PROGRESS_INTERVAL: Duration = Duration::from_secs(5);
 /// airborne flights were targets, 97 on those from the ground (models/README.md).
 const THRESHOLD: i32 = -1 << SCORE_BITS;
 
-/// What `lookout replay` can be told.
+/// Command-line arguments of `lookout replay`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(mut_arg("kind", |kind| kind.conflicts_with("input")))]
 pub struct ReplayArgs {
@@ -183,8 +183,8 @@ struct Outputs {
     jsonl: Option<TextFile>,
     pictures: Option<Pictures>,
     digest: Option<Digest>,
-    /// Nothing was asked for: detections are told in words.
-    tell: bool,
+    /// No output was requested: detections are printed in words.
+    print: bool,
     picture: Picture,
     colours: Colours,
     frames: u64,
@@ -215,7 +215,7 @@ impl Outputs {
             jsonl: create(&args.jsonl)?,
             pictures: args.annotate.as_deref().map(Pictures::create).transpose()?,
             digest: args.digest.then(Digest::default),
-            tell: false,
+            print: false,
             picture: Picture::default(),
             colours: match args.annotate {
                 Some(_) => Colours::open(args.input.as_deref()),
@@ -231,7 +231,7 @@ impl Outputs {
             || outputs.pictures.is_some()
             || outputs.digest.is_some()
             || args.telemetry.speaks();
-        Ok(Self { tell: !asked, ..outputs })
+        Ok(Self { print: !asked, ..outputs })
     }
 
     fn take(&mut self, number: u64, frame: &Frame, found: &Detections) -> Result<(), Error> {
@@ -271,7 +271,7 @@ impl Outputs {
         if let Some(digest) = &mut self.digest {
             digest.update(&found.list);
         }
-        if self.tell {
+        if self.print {
             for detection in &found.list {
                 print_line(&in_words(number, frame.time_us, detection))?;
             }
@@ -288,7 +288,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// Completes the files also after an error; the first error is told.
+    /// Completes the files also after an error; returns the first error.
     fn finish(self, ended: Result<Ended, Error>) -> Result<Ended, Error> {
         let completed = self.pictures.map_or(Ok(()), Pictures::finish);
         let logged = self.telemetry.finish();

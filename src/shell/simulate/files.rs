@@ -1,4 +1,4 @@
-//! What both kinds of flights are written with: errors, text files, pictures, progress.
+//! Output of simulated and rendered flights: errors, text files, pictures, progress.
 
 use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::render::{RenderError, SettingsError};
@@ -21,7 +21,7 @@ pub enum SimulateError {
     Write {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's reason.
         source: io::Error,
     },
     /// A file cannot be read.

@@ -1,4 +1,4 @@
-//! Flights of our own: a procedural world, a camera that sways, another aircraft in it.
+//! Simulated flights: a procedural scene, a moving camera, another aircraft.
 //!
 //! The same seed gives the same bytes on every processor: pictures are made with integers and
 //! IEEE-exact operations alone, never with functions of the platform's mathematical library.
@@ -33,27 +33,27 @@ use shapes::Outline;
 use std::vec;
 use std::vec::Vec;
 
-/// Instants within the exposure that make up a frame, and where in the pixel each looks.
+/// Instants within the exposure that make up a frame, and the position within the pixel that each samples.
 const EXPOSURE: [(f64, f64); 2] = [(0.25, 0.75), (0.75, 0.25)];
 /// Seconds from the first to the last of them.
 const SHUTTER: f64 = 1.0 / 200.0;
-/// Looks at the target along each side of a pixel at each instant.
+/// Samples of the target along each side of a pixel at each instant.
 const LOOKS: usize = 4;
 /// Opacity from which on a pixel belongs to the target's box.
 const VISIBLE: f64 = 0.15;
 /// Focal length over the picture's width, as in the recorded flights.
 const FOCAL: f64 = 0.875;
-/// Pixels beyond the frame's edge in which the target is looked for, to see whether it is cut.
+/// Pixels beyond the frame's edge in which the target is drawn, to detect that it is cut.
 const MARGIN: i64 = 2;
 
-/// What is true in one frame; angles in radians, x right, y down, z forward.
+/// Ground truth of one frame; angles in radians, x right, y down, z forward.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
-    /// Turn of the camera to the right.
+    /// Yaw of the camera, positive to the right.
     pub yaw: f64,
-    /// Its nose above the horizon.
+    /// Pitch, positive above the horizon.
     pub pitch: f64,
-    /// Turn about the optical axis.
+    /// Roll about the optical axis.
     pub roll: f64,
     /// The other aircraft, seen or not.
     pub target: Option<TargetTruth>,
@@ -70,7 +70,7 @@ pub struct TargetTruth {
     pub range: f64,
     /// Seconds at the present closing speed; `None` when it does not come nearer.
     pub time_to_contact: Option<f64>,
-    /// The tight box round what is seen of it; `None` outside the frame.
+    /// Tight box around its visible part; `None` outside the frame.
     pub seen: Option<TruthBox>,
 }
 
@@ -128,7 +128,7 @@ impl Simulator {
         self.target.iter().map(|target| target.span).collect()
     }
 
-    /// Renders frame `index` (from 0) into `frame` and tells what is true in it.
+    /// Renders frame `index` (from 0) into `frame` and returns its ground truth.
     pub fn render(&mut self, index: u64, frame: &mut Frame) -> Truth {
         let (width, height, _) = self.view;
         let time = index as f64 / f64::from(self.settings.fps);

@@ -304,7 +304,7 @@ impl Encoder {
     fn failure(&mut self, otherwise: String) -> SimulateError {
         let mut words = String::new();
         if let Some(mut stderr) = self.child.stderr.take() {
-            // What can be read is enough.
+            // The readable part is enough.
             let _ = stderr.read_to_string(&mut words);
         }
         let line = words.lines().find(|line| !line.trim().is_empty());

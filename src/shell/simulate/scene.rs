@@ -1,4 +1,4 @@
-//! What the camera sees without the target: ground, trees, hills and sky along a ray.
+//! The scene without the target: ground, trees, hills and sky along a ray.
 
 use super::landscape;
 use crate::shell::render::noise::{Texture, fractal};

@@ -3,7 +3,7 @@
 use std::borrow::ToOwned;
 use std::string::String;
 
-/// What the other aircraft does.
+/// Manoeuvre of the other aircraft.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Kind {
     /// Flies across the view.
@@ -40,7 +40,7 @@ pub struct SimulateSettings {
     /// Length of the flight in seconds
     #[arg(long, value_name = "N", default_value = "5", value_parser = parse_seconds)]
     pub seconds: f64,
-    /// What the other aircraft does
+    /// Manoeuvre of the other aircraft
     #[arg(long, value_enum, default_value_t = Kind::Collision)]
     pub kind: Kind,
     /// Width of the frames in pixels

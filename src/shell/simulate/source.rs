@@ -17,7 +17,7 @@ impl Simulated {
         Self { simulator: Simulator::new(settings), truth: None, next: 0 }
     }
 
-    /// What is true in the frame that was read last; `None` before the first.
+    /// Ground truth of the last frame read; `None` before the first.
     pub fn truth(&self) -> Option<&Truth> {
         self.truth.as_ref()
     }

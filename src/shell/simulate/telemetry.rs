@@ -1,4 +1,4 @@
-//! What the simulated vehicle's autopilot tells: the telemetry of a multirotor of ArduPilot.
+//! Telemetry of the simulated vehicle, as a multirotor with ArduPilot sends it.
 //!
 //! The camera looks straight ahead: its z is the body's forward, its x the body's right, its y down. The simulated
 //! world has the camera's axes at rest: z north, x east, y down. Both change axes in the same cyclic way, so that

@@ -163,9 +163,9 @@ pub enum SourceError {
     /// The input is missing or may not be read.
     #[error("{}: cannot open: {source}; give a folder of pictures, a .y4m file, a video or - for y4m on standard input", path.display())]
     Open {
-        /// What was to be opened.
+        /// The input.
         path: PathBuf,
-        /// What the system said.
+        /// The system's reason.
         source: io::Error,
     },
     /// A folder without a picture.
@@ -181,7 +181,7 @@ pub enum SourceError {
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What is wrong.
+        /// The reason.
         reason: String,
     },
     /// A rate of pictures that is none.
@@ -189,7 +189,7 @@ pub enum SourceError {
     Rate {
         /// The file `camera.json`.
         path: PathBuf,
-        /// What it says.
+        /// Its value.
         rate: serde_json::Value,
     },
     /// A stream without a frame.
@@ -205,7 +205,7 @@ pub enum SourceError {
         path: PathBuf,
         /// Its place in the folder, from 1.
         frame: u64,
-        /// What the decoder said.
+        /// The decoder's reason.
         source: image::ImageError,
     },
     /// A picture of another size than the first.
@@ -251,7 +251,7 @@ pub enum SourceError {
         name: String,
         /// Which frame, from 1.
         frame: u64,
-        /// What the system said.
+        /// The system's reason.
         source: io::Error,
     },
     /// `ffmpeg` cannot be started.
@@ -259,7 +259,7 @@ pub enum SourceError {
     FfmpegMissing {
         /// The video.
         path: PathBuf,
-        /// What the system said.
+        /// The system's reason.
         source: io::Error,
     },
     /// `ffmpeg` could not decode all of the video.

@@ -85,7 +85,7 @@ impl Process {
     /// Waits for the end of the child, after which all its complaints were given out.
     ///
     /// # Errors
-    /// What the system said.
+    /// The system's reason.
     pub fn wait(&mut self) -> io::Result<ExitStatus> {
         let status = self.child.wait()?;
         self.join();
@@ -95,10 +95,10 @@ impl Process {
     /// Ends the whole group: SIGTERM, then SIGKILL after 0.4 s.
     ///
     /// # Errors
-    /// What the system said.
+    /// The system's reason.
     pub fn end(&mut self) -> io::Result<ExitStatus> {
         if let Some(status) = self.child.try_wait()? {
-            // What the child left behind in its group.
+            // Children that it left in its process group.
             self.kill();
             self.join();
             return Ok(status);

@@ -28,7 +28,7 @@ const LOG_LINES: u32 = 20;
 /// See [`LOG_LINES`].
 const LOG_SPAN: Duration = Duration::from_secs(10);
 
-/// What is started, and how its frames are taken.
+/// A program that is started, and the form of its output.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StreamSettings {
     /// The program and its arguments; no shell reads them.
@@ -54,7 +54,7 @@ pub enum StreamError {
     Start {
         /// The program.
         program: String,
-        /// What the system said.
+        /// The system's reason.
         source: io::Error,
     },
     /// The program runs and sends nothing.

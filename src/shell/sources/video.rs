@@ -39,7 +39,7 @@ pub struct Video {
     ended: bool,
 }
 
-/// What `ffmpeg` complained about.
+/// Messages of `ffmpeg` on standard error.
 #[derive(Debug, Default)]
 struct Heard {
     complaints: u64,
@@ -76,18 +76,18 @@ impl Video {
                 last_us: None,
                 ended: false,
             }),
-            // What ffmpeg says about the file explains more than the missing header does.
+            // ffmpeg's message about the file explains more than the missing header.
             Err(error) => Err(failure(&mut process, &heard, path, 0).unwrap_or(error)),
         }
     }
 
     /// The time of the frame that was read last, microseconds since the first one; `by_rate` where the file gives none.
     fn time_us(&mut self, by_rate: i64) -> i64 {
-        let told = match &self.times {
+        let time = match &self.times {
             Some(times) => times.recv_timeout(LINE_WAIT),
             None => Ok(None),
         };
-        let ns = told.unwrap_or_else(|_| {
+        let ns = time.unwrap_or_else(|_| {
             // An ffmpeg that logs otherwise: its frames have the rate of the header then.
             self.times = None;
             None

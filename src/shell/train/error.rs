@@ -66,7 +66,7 @@ pub enum TrainError {
     },
     /// The scan leaves nothing but targets to the classifier.
     #[error(
-        "the scan hands on no window without a target, so the classifier of st-cubes has nothing to tell targets from; add footage of other backgrounds (--empty DIR), or leave the classifier out (--no-stcube)"
+        "the scan hands on no window without a target, so the classifier of st-cubes has no negatives; add footage of other backgrounds (--empty DIR), or leave the classifier out (--no-stcube)"
     )]
     NoFalseCandidates,
     /// The scan leaves no target to the classifier.

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::string::ToString;
 use std::vec::Vec;
 
-/// What a folder of clips is to the trainer.
+/// Role of a folder of clips in training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// Recorded clips with ground truth.

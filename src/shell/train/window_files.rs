@@ -91,7 +91,7 @@ impl WindowFiles {
 
     /// Removes the files of all passes beside the model file `out`.
     pub fn remove(out: &Path) {
-        // What is not there need not be removed, and what stays does no harm.
+        // Missing files need no removal, and files that stay do no harm.
         for pass in 0.. {
             if fs::remove_file(Self::path(out, pass)).is_err() {
                 break;

@@ -34,7 +34,7 @@ enum Rule {
 pub struct Dimension {
     /// Its name in the report.
     pub name: &'static str,
-    /// What it is and in which unit.
+    /// Name and unit of the property.
     pub heading: &'static str,
     /// The groups.
     pub groups: Vec<String>,
@@ -44,7 +44,7 @@ pub struct Dimension {
 /// Everything about a clip that does not depend on the method.
 #[derive(Debug, Clone, Copy)]
 pub struct ClipTruth<'a> {
-    /// What is known of it.
+    /// Its name and values.
     pub facts: &'a Facts,
     /// Frames of it, the first ones left out.
     pub frames: u64,
@@ -223,7 +223,7 @@ pub fn group_of(bounds: &[f64], value: f64) -> usize {
     bounds.partition_point(|&bound| bound <= value)
 }
 
-/// What the groups between bounds are called.
+/// Labels of the groups between bounds.
 pub fn range_names(bounds: &[f64]) -> Vec<String> {
     let Some(last) = bounds.last() else { return vec!["all".into()] };
     let first = format!("below {:.1}", bounds[0]);

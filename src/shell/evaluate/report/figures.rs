@@ -30,7 +30,7 @@ pub struct Figures {
     pub lookout: &'static str,
     /// The split as the user named it.
     pub data: String,
-    /// What was measured on.
+    /// The data set.
     pub flights: Flights,
     /// How confidence intervals were made.
     pub bootstrap: BootstrapFigures,
@@ -40,7 +40,7 @@ pub struct Figures {
     pub collisions: Option<CollisionFigures>,
     /// Algorithm 1 alone; none where the model has no regressors or no target can be followed.
     pub regressors: Option<RegressorFigures>,
-    /// What a user of the detector asks first.
+    /// Main figures of each method.
     #[serde(flatten)]
     pub in_use: InUse,
     /// Targets that the first method never found.
@@ -62,7 +62,7 @@ pub struct InUse {
     pub ranges: Vec<SpanRanges>,
 }
 
-/// What was measured on; the first frames of each clip are left out.
+/// The data set; the first frames of each clip are left out.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Flights {
     /// Clips.
@@ -84,7 +84,7 @@ pub struct Flights {
 /// How confidence intervals were made.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct BootstrapFigures {
-    /// What is drawn.
+    /// The sampling unit.
     pub over: &'static str,
     /// How often.
     pub resamples: usize,
@@ -112,7 +112,7 @@ pub struct MethodFigures {
 /// The figures at an intersection over union.
 #[derive(Debug, Clone, Serialize)]
 pub struct AtIou {
-    /// What `lookout score` prints.
+    /// Figures that `lookout score` prints.
     pub score: score::Report,
     /// Area under the precision-recall curve.
     #[serde(rename = "AveP")]
@@ -127,7 +127,7 @@ pub struct AtIou {
     pub recall_at_false_alarms_per_hour: Vec<[f64; 2]>,
 }
 
-/// What a method does at a score.
+/// Operating point of a method at a score.
 #[derive(Debug, Clone, Serialize)]
 pub struct OperatingPoint {
     /// At most so many false alarms in 1000 frames; none: at any score.
@@ -161,7 +161,7 @@ pub struct Breakdown {
     pub groups: Vec<GroupFigures>,
 }
 
-/// What was measured on.
+/// Counts of clips, frames and targets that were measured on.
 pub fn flights(matches: &[ClipMatches], truth: &[ClipTruth<'_>]) -> Flights {
     let mut flights = Flights { clips: matches.len(), ..Flights::default() };
     for (matches, truth) in matches.iter().zip(truth) {
@@ -292,7 +292,7 @@ fn share(part: usize, whole: usize) -> Option<f64> {
     (whole > 0).then(|| part as f64 / whole as f64)
 }
 
-/// What a limit of false alarms is called.
+/// Label of a limit of false alarms.
 pub fn limit_name(limit: Option<u64>) -> String {
     limit.map_or("any score".into(), |limit| format!("{limit} per 1000 frames"))
 }

@@ -32,7 +32,7 @@ pub struct Strip {
     pub frame: u64,
     /// Left, top, width, height in pixels.
     pub r#box: Box4,
-    /// What was missed.
+    /// The missed target.
     pub class: Option<&'static str>,
     /// Score of the false alarm.
     pub score: Option<f64>,

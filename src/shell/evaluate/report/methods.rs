@@ -27,7 +27,7 @@ impl External {
     /// Reads `NAME=FOLDER`.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// The reason.
     pub fn parse(text: &str) -> Result<Self, String> {
         let (name, folder) = text.split_once('=').ok_or("expected NAME=FOLDER")?;
         let (name, folder) = (name.trim(), folder.trim());
@@ -96,7 +96,7 @@ pub fn path_of(folder: &Path, clip: &Clip) -> PathBuf {
     folder.join(format!("{}.txt", clip.name))
 }
 
-/// What was measured on the frames of a clip.
+/// Measurements on the frames of a clip.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Seen {
     /// Contrast of each target that must be found, grey levels.
@@ -142,7 +142,7 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// What was seen; labels and detections behind the last frame have no contrast.
+    /// Contrast of labels and detections; none behind the last frame.
     pub fn finish(mut self) -> Seen {
         let targets = self.clip.ground_truth.boxes();
         let targets = targets.filter(|(frame, t)| *frame > WARMUP && must_be_found(t)).count();

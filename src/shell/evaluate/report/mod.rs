@@ -34,7 +34,7 @@ use std::path::{Path, PathBuf};
 use std::string::String;
 use std::vec::Vec;
 
-/// What a report can be told.
+/// Options of a report.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ReportArgs {
     /// Write report.html and report.json into this folder
@@ -196,7 +196,7 @@ fn with_ours(others: Vec<Method>) -> Vec<Method> {
 
 fn write(path: &Path, text: &str) -> Result<(), Error> {
     fs::write(path, text).map_err(|source| {
-        // Half a page is of no use; the error that is told is the first one.
+        // Half a page is of no use; the first error is returned.
         let _ = fs::remove_file(path);
         FileError::Write { path: path.into(), source }.into()
     })

@@ -33,7 +33,7 @@ pub fn colour(method: usize) -> (u8, u8, u8) {
 /// An axis.
 #[derive(Debug, Clone)]
 pub struct Axis {
-    /// What it shows, with the unit.
+    /// Label with the unit.
     pub label: &'static str,
     /// Its ends.
     pub range: Range<f64>,
@@ -87,7 +87,7 @@ impl ValueFormatter<f64> for Axis {
     }
 }
 
-/// What is drawn for a method.
+/// Curve and style of a method.
 #[derive(Debug, Clone, Default)]
 pub struct Line {
     /// Its number, for the colour.

@@ -12,7 +12,7 @@ pub enum CalibrationError {
     /// A field that every form has.
     #[error("{field} is missing; known names: {names}")]
     Missing {
-        /// What it is.
+        /// The field.
         field: &'static str,
         /// Names under which it is known.
         names: &'static str,
@@ -22,7 +22,7 @@ pub enum CalibrationError {
     Shape {
         /// Its name in the file.
         field: String,
-        /// What belongs there.
+        /// The expected form.
         expected: &'static str,
     },
     /// A matrix whose numbers are not as many as it says.
@@ -52,7 +52,7 @@ pub enum CalibrationError {
     Model {
         /// Its name in the file.
         field: String,
-        /// What it says.
+        /// Its value.
         model: String,
     },
     /// A number of coefficients that the model does not have.
@@ -68,7 +68,7 @@ pub enum CalibrationError {
     /// Skewed pixels.
     #[error("camera matrix: a skew of {0} is not supported, expected 0")]
     Skew(f64),
-    /// What an uncalibrated driver publishes.
+    /// The zeros that an uncalibrated driver publishes.
     #[error("camera matrix: all zeros, the camera is not calibrated; run the calibration first")]
     Uncalibrated,
     /// Several cameras in one file.
@@ -87,7 +87,7 @@ pub enum CalibrationError {
         /// The number.
         value: f64,
     },
-    /// Numbers that make no camera.
+    /// Values out of a camera's range.
     #[error(transparent)]
     Camera(#[from] CameraError),
 }

@@ -181,7 +181,7 @@ impl Fields {
         }
     }
 
-    /// What all fields that name a model agree on; `None` where there is no such field.
+    /// The lens model by all fields that name one; `None` where there is no such field.
     fn model(&self) -> Result<Option<Model>, CalibrationError> {
         let mut found: Option<(&str, Model)> = None;
         for (name, compared, value) in &self.entries {

@@ -37,7 +37,7 @@ impl Capability {
     pub const STREAMING: u32 = 0x0400_0000;
     const DEVICE_CAPS: u32 = 0x8000_0000;
 
-    /// What this very node can do, among all nodes of the device.
+    /// Capabilities of this node, of all nodes of the device.
     pub fn of_node(&self) -> u32 {
         if self.capabilities & Self::DEVICE_CAPS == 0 {
             self.capabilities
@@ -144,7 +144,7 @@ impl Buffer {
     pub const TIMESTAMP_MASK: u32 = 0xe000;
     pub const TIMESTAMP_MONOTONIC: u32 = 0x2000;
 
-    /// What every request about a buffer begins with.
+    /// Common first fields of all requests about buffers.
     pub fn mapped(index: u32) -> Self {
         Self { index, kind: CAPTURE, memory: MMAP, ..Self::default() }
     }

@@ -1,4 +1,4 @@
-//! What can be set on a camera: exposure, gain and the like, by name.
+//! Controls of a camera, such as exposure and gain, by name.
 
 use super::abi::ControlQuery;
 use super::device::Device;

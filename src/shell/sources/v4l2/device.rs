@@ -166,7 +166,7 @@ impl Filled<'_> {
         &self.buffer
     }
 
-    /// What the driver wrote.
+    /// Bytes that the driver wrote.
     pub fn bytes(&self) -> &[u8] {
         let length = self.mapping.length.min(self.buffer.bytes_used as usize);
         // SAFETY: the mapping lives as long as `self` and has at least `length` bytes. Between DQBUF and QBUF, which
@@ -177,7 +177,7 @@ impl Filled<'_> {
 
 impl Drop for Filled<'_> {
     fn drop(&mut self) {
-        // Fails when the device is gone, which the next wait tells.
+        // Fails when the device is gone, which the next wait reports.
         let _ = self.device.request::<QBUF, _>(&mut Buffer::mapped(self.buffer.index));
     }
 }

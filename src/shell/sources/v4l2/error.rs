@@ -6,7 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::string::String;
 
-/// Why a camera gives no pictures, or does not do as it is told.
+/// Why a camera gives no pictures or refuses a setting.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CameraError {
@@ -18,7 +18,7 @@ pub enum CameraError {
     Gone {
         /// The video node.
         path: PathBuf,
-        /// What the system said.
+        /// The system's reason.
         source: io::Error,
     },
     /// The video node is missing or may not be used.
@@ -26,7 +26,7 @@ pub enum CameraError {
     Open {
         /// The video node.
         path: PathBuf,
-        /// What the system said.
+        /// The system's reason.
         source: io::Error,
     },
     /// Somebody else has the camera.
@@ -38,9 +38,9 @@ pub enum CameraError {
     /// A file or a node that gives no pictures.
     #[error("{}: {reason}; `v4l2-ctl --list-devices` names the cameras and their nodes", path.display())]
     NoCamera {
-        /// What was opened.
+        /// The path that was opened.
         path: PathBuf,
-        /// What it is instead.
+        /// The kind of file or device that it is.
         reason: String,
     },
     /// A camera without a format that is asked for, or understood.
@@ -50,7 +50,7 @@ pub enum CameraError {
         path: PathBuf,
         /// The format that was asked for, or those that are understood.
         wanted: String,
-        /// What the camera has.
+        /// Formats, sizes or rates that the camera has.
         offered: String,
     },
     /// Fields that do not come as whole pictures.
@@ -78,7 +78,7 @@ pub enum CameraError {
     NoControl {
         /// The video node.
         path: PathBuf,
-        /// What was asked for.
+        /// Name of the control.
         name: String,
         /// The names of those it has.
         offered: String,
@@ -90,9 +90,9 @@ pub enum CameraError {
         path: PathBuf,
         /// The control.
         name: String,
-        /// What was asked for.
+        /// The value given.
         value: i64,
-        /// Its range, or what the system said.
+        /// Its range, or the system's reason.
         reason: String,
     },
     /// The system refuses a request.
@@ -100,9 +100,9 @@ pub enum CameraError {
     System {
         /// The video node.
         path: PathBuf,
-        /// What could not be done.
+        /// The operation that failed.
         request: &'static str,
-        /// What the system said.
+        /// The system's reason.
         source: io::Error,
     },
 }
@@ -135,7 +135,7 @@ impl CameraError {
     }
 }
 
-/// What a driver says whose device is no longer there.
+/// Whether an error is that of a driver whose device is gone.
 fn is_unplugged(errno: Errno) -> bool {
     matches!(errno, Errno::NODEV | Errno::NXIO)
 }

@@ -114,33 +114,33 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
+            #![proptest_config(ProptestConfig::with_cases(64))]
 
-        #[test]
-        fn every_pixel_is_the_luma_of_its_place(
-            layout in layouts(),
-            seed in prop::collection::vec(any::<u8>(), 997),
-            missing in 0usize..40,
-        ) {
-            // The last row may lack its padding.
-            let row = layout.width * layout.format.bytes_per_pixel();
-            let whole = layout.stride * (layout.height - 1) + row;
-            let bytes: Vec<u8> = seed.iter().copied().cycle().take(whole).collect();
-            let mut converter = Converter::new(layout);
-            let mut frame = Frame { time_us: 7, ..Frame::default() };
-            prop_assert_eq!(converter.convert(&bytes, &mut frame), Ok(()));
-            prop_assert_eq!((frame.width, frame.height), (layout.width, layout.height));
-            prop_assert_eq!(frame.time_us, 7);
-            for (y, row) in frame.pixels.chunks(layout.width).enumerate() {
-                for (x, &pixel) in row.iter().enumerate() {
-                    prop_assert_eq!(pixel, naive(&layout, &bytes, x, y));
+            #[test]
+            fn every_pixel_is_the_luma_of_its_place(
+                layout in layouts(),
+                seed in prop::collection::vec(any::<u8>(), 997),
+                missing in 0usize..40,
+            ) {
+                // The last row may lack its padding.
+                let row = layout.width * layout.format.bytes_per_pixel();
+                let whole = layout.stride * (layout.height - 1) + row;
+                let bytes: Vec<u8> = seed.iter().copied().cycle().take(whole).collect();
+                let mut converter = Converter::new(layout);
+                let mut frame = Frame { time_us: 7, ..Frame::default() };
+                prop_assert_eq!(converter.convert(&bytes, &mut frame), Ok(()));
+                prop_assert_eq!((frame.width, frame.height), (layout.width, layout.height));
+                prop_assert_eq!(frame.time_us, 7);
+                for (y, row) in frame.pixels.chunks(layout.width).enumerate() {
+                    for (x, &pixel) in row.iter().enumerate() {
+                        prop_assert_eq!(pixel, naive(&layout, &bytes, x, y));
+                    }
                 }
+                let cut = &bytes[..whole.saturating_sub(missing)];
+                let expected = if missing == 0 { Ok(()) } else { Err(Damaged) };
+                prop_assert_eq!(converter.convert(cut, &mut frame), expected);
+    // A damaged picture still fills its size.
+                prop_assert_eq!(frame.view().width(), layout.width);
             }
-            let cut = &bytes[..whole.saturating_sub(missing)];
-            let expected = if missing == 0 { Ok(()) } else { Err(Damaged) };
-            prop_assert_eq!(converter.convert(cut, &mut frame), expected);
-            // What is damaged still fills its size.
-            prop_assert_eq!(frame.view().width(), layout.width);
         }
-    }
 }

@@ -1,7 +1,7 @@
 //! Motion JPEG: every buffer is a JPEG picture, of which only the luma is decoded.
 //!
 //! A picture that was cut off has no end and is refused. One that lost something in the middle and still ends in due
-//! form cannot be told from a good one by its bytes (the decoder's strict mode noticed 0 to 10 % of such damage, and
+//! form cannot be distinguished from a good one by its bytes (the decoder's strict mode noticed 0 to 10 % of such damage, and
 //! refused good 4:4:4 pictures); the driver marks the buffer when it knows.
 
 use super::error::Damaged;
@@ -176,7 +176,7 @@ mod tests {
         }
     }
 
-    /// What ffmpeg writes to standard output with these arguments; `None` without ffmpeg.
+    /// Standard output of ffmpeg with these arguments; `None` without ffmpeg.
     fn ffmpeg(arguments: &str, file: &Path) -> Option<Vec<u8>> {
         let mut command = Command::new("ffmpeg");
         command.args(["-v", "error", "-nostdin"]);

@@ -39,7 +39,7 @@ use std::vec::Vec;
 /// Buffers asked for: one that is being read, and enough to fill while the machine is busy with something else.
 const BUFFERS: u32 = 4;
 
-/// What a camera is asked for.
+/// Requested format, rate and controls of a camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Settings {
     /// Pixels; the camera must have exactly this size.
@@ -48,7 +48,7 @@ pub struct Settings {
     pub height: u32,
     /// Frames a second; `None` leaves it as it is. A camera takes the nearest that it has.
     pub rate: Option<u32>,
-    /// `None`: the best that the camera has in this size and at this rate, in the order of [`PixelFormat::ALL`].
+    /// `None`: the first of [`PixelFormat::ALL`] that the camera has in this size and at this rate.
     pub format: Option<PixelFormat>,
     /// Values of controls by name, as `v4l2-ctl --list-ctrls` shows them; upper case and blanks do as well.
     pub controls: BTreeMap<String, i64>,
@@ -119,7 +119,7 @@ impl FromStr for PixelFormat {
     }
 }
 
-/// What is known about a frame besides its pixels. Everything is counted since the frame before.
+/// Driver's information about a frame; counts are since the frame before.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Taken {
     /// The driver's count of frames; wraps.

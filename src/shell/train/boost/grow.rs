@@ -11,7 +11,7 @@ use std::ops::{AddAssign, Range, Sub};
 use std::vec;
 use std::vec::Vec;
 
-/// What limits a tree.
+/// Limits of a tree.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Limits {
     pub depth: u8,
@@ -166,7 +166,7 @@ struct Grower<'a> {
     open: Vec<Open>,
 }
 
-/// What one feature knows: its histograms of the newest level's nodes.
+/// Column of a feature: its histograms for the nodes of the newest level.
 struct Column {
     feature: u16,
     histograms: Vec<Sum>,

@@ -1,6 +1,6 @@
 //! Losses, with the derivatives that boosting follows.
 
-/// What boosting minimises; F is the score, y the response or label.
+/// Loss of boosting; F is the score, y the response or label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Loss {
     /// (F - y)², for responses.

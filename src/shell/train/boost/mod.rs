@@ -150,7 +150,7 @@ impl Scored<'_> {
     }
 }
 
-/// What a round gave.
+/// Result of a round.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Round {
     /// Trees so far.

@@ -6,7 +6,7 @@ use crate::trees::MAX_DEPTH;
 /// How to boost.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// What to minimise.
+    /// The loss.
     pub loss: Loss,
     /// Trees, at most [`MAX_TREES`].
     pub rounds: usize,

@@ -10,7 +10,7 @@ fn columns(rows: usize, features: usize, limit: u64, seed: u64) -> Vec<Vec<u16>>
     (0..features).map(|_| (0..rows).map(|_| (random.next() % limit) as u16).collect()).collect()
 }
 
-/// Labels of a noisy exclusive or of the first two features: no single feature tells.
+/// Labels of a noisy exclusive or of the first two features: no single feature separates them.
 fn labels(columns: &[Vec<u16>], limit: u64) -> Vec<f32> {
     let mut random = SplitMix64(5);
     let half = (limit / 2) as u16;

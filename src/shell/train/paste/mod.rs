@@ -194,7 +194,7 @@ pub fn paste(scenery: Scenery<'_>, library: &[Vec<Run>], count: usize, random: &
                     render(&mut frames[index], &pasted, pasted.cutout(index), rect, blur, random);
             }
             let seen = seen(rect, size, &pasted, FIRST_ID + number as i64, index);
-            // What can hardly be seen is neither to be found nor to be left.
+            // Hardly visible objects count neither as targets nor as background.
             let shown = |b: TruthBox| if contrast < FAINT { 0.5 } else { b.visibility };
             boxes[index].extend(seen.map(|b| TruthBox { visibility: shown(b), ..b }));
         }
@@ -390,7 +390,7 @@ mod tests {
                         (b.left - 6.0..b.left + b.width + 6.0).contains(&x)
                             && (b.top - 6.0..b.top + b.height + 6.0).contains(&y)
                     };
-                    // What shows by less than a pixel at the frame's edge has no box.
+                    // Less than a pixel of it at the frame's edge: no box.
                     let middle = |v: f64, side: usize| (4.0..side as f64 - 4.0).contains(&v);
                     let edge = !middle(x, SIZE.0) || !middle(y, SIZE.1);
                     let allowed = pixel == 120 || edge || boxes.iter().any(near);
