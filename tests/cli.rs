@@ -130,9 +130,9 @@ fn replay_of_a_simulated_flight() {
     // Without any output it prints its detections.
     let output = lookout(&[&flight[..], &["--threshold", "-1000"]].concat(), b"");
     let summary = String::from_utf8_lossy(&output.stderr).into_owned();
-    let told = succeeded(output);
+    let printed = succeeded(output);
     assert!(
-        summary.contains(&format!("6 frames, {} detections", told.lines().count())),
+        summary.contains(&format!("6 frames, {} detections", printed.lines().count())),
         "{summary}"
     );
 

@@ -113,7 +113,7 @@ fn what_finds_no_room_is_counted() {
         assert!(detections.dropped > 256, "{} dropped", detections.dropped);
         assert!(detections.list.is_sorted_by(|a, b| a.score >= b.score));
     }
-    // Fewer are judged when asked for.
+    // Fewer are classified if the configuration says so.
     let config = Config { candidates: 2, ..CONFIG };
     let detections = watch(&keen_model(), config, 0, 1).remove(0);
     assert_eq!(detections.proposals.len(), 2);

@@ -206,12 +206,12 @@ impl World {
 
     fn telemetry(&mut self) {
         let boot = ((self.now + self.clock) / 1000) as u32;
-        let mut tell = |every: i64, message: MavMessage| {
+        let mut send = |every: i64, message: MavMessage| {
             if self.now % every == 0 {
                 self.waiting.push((self.now + self.late, message));
             }
         };
-        tell(
+        send(
             SECOND,
             MavMessage::HEARTBEAT(HEARTBEAT_DATA {
                 mavtype: MavType::MAV_TYPE_QUADROTOR,
@@ -219,7 +219,7 @@ impl World {
                 ..Default::default()
             }),
         );
-        tell(
+        send(
             200_000,
             MavMessage::GLOBAL_POSITION_INT(GLOBAL_POSITION_INT_DATA {
                 time_boot_ms: boot,
@@ -231,7 +231,7 @@ impl World {
             }),
         );
         if self.attitude {
-            tell(
+            send(
                 20_000,
                 MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
                     time_boot_ms: boot,

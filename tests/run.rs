@@ -217,7 +217,7 @@ fn later_segments_replay_bit_for_bit() {
     let summary = Run::start(&settings(&ground, &more), stretched, faults).ended();
     let segments = listed(&record);
     assert!(segments.len() > 1, "{segments:?}");
-    let (mut told, mut found) = (0, 0);
+    let (mut reported, mut found) = (0, 0);
     for (place, segment) in segments.iter().enumerate() {
         let (live, ..) = replayed(segment);
         found += count(&live);
@@ -227,9 +227,9 @@ fn later_segments_replay_bit_for_bit() {
         assert_eq!(lead > 0, place > 0, "{command}");
         // Where the disk is too slow a segment begins after a gap.
         assert!(pictures == live.len() + lead || live.is_empty(), "{pictures} {}", live.len());
-        told += live.len() as u64;
+        reported += live.len() as u64;
     }
-    assert!(told > summary.frames / 2, "{told} of {}", summary.frames);
+    assert!(reported > summary.frames / 2, "{reported} of {}", summary.frames);
     assert!(found > 100, "{found} detections are too few to compare");
 }
 
@@ -255,7 +255,7 @@ fn every_alert_is_explained() {
     // The bytes are those that came.
     let sent: Vec<&Value> = event["sent"].as_array().unwrap().iter().collect();
     let of = |name: &str| sent.iter().find(|sent| sent["message"] == name);
-    let bytes = of("STATUSTEXT").expect("it was told")["bytes"].as_str().unwrap();
+    let bytes = of("STATUSTEXT").expect("it was sent")["bytes"].as_str().unwrap();
     let hex = |bytes: &[u8]| bytes.iter().map(|b| format!("{b:02x}")).collect::<String>();
     assert!(ground.heard.iter().any(|(_, heard, _)| hex(heard) == bytes), "{bytes}");
     let picture = image::open(folders[0].join(event["picture"].as_str().unwrap())).unwrap();

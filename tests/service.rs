@@ -20,7 +20,7 @@ use std::path::Path;
 use std::process::Output;
 use std::time::{Duration, Instant};
 
-fn told(output: &Output) -> String {
+fn errors(output: &Output) -> String {
     assert_eq!(output.status.code(), Some(1));
     let text = String::from_utf8(output.stderr.clone()).unwrap();
     assert_eq!(text.lines().count(), 1, "{text}");
@@ -32,7 +32,7 @@ fn settings_are_refused_by_name_and_line() {
     let folder = tempfile::tempdir().unwrap();
     let file = Service::config(&folder);
     let run = || lookout(&["run", "--config", file.to_str().unwrap()]).output().unwrap();
-    assert!(told(&run()).contains("lookout.toml: cannot read"));
+    assert!(errors(&run()).contains("lookout.toml: cannot read"));
     for (text, wanted) in [
         ("source = 'simulate:hover'\nlinkz = []\n", "line 2: unknown key linkz; is links meant?"),
         ("source = 'simulate:hover'\n\n[camera]\nrate = 0\n", "line 4: camera.rate: expected"),
@@ -50,7 +50,7 @@ fn settings_are_refused_by_name_and_line() {
     }
     // One line, where nothing was begun yet.
     fs::write(&file, "source = 3\n").unwrap();
-    assert!(told(&run()).contains("line 1: source: expected"));
+    assert!(errors(&run()).contains("line 1: source: expected"));
 }
 
 #[test]

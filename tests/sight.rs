@@ -48,7 +48,7 @@ fn frames(clip: &Path) -> Vec<Arc<Frame>> {
 fn recorded_flights_are_seen_and_out_of_focus_they_are_not() {
     let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
     let step = if env::var_os("LOOKOUT_ALL_FLIGHTS").is_some() { 1 } else { 16 };
-    let (mut clips, mut told, mut lost) = (0, 0, 0);
+    let (mut clips, mut reported, mut lost) = (0, 0, 0);
     for split in ["real/dev", "airborne/dev"] {
         let Ok(entries) = fs::read_dir(data.join(split)) else {
             println!("skipped: {split} is not here");
@@ -88,12 +88,14 @@ fn recorded_flights_are_seen_and_out_of_focus_they_are_not() {
             let soft = |frame: &Arc<Frame>| sight.judge(&Arc::new(blurred(frame, 6.0)));
             let soft: Vec<Blind> = frames.iter().take(4).map(soft).collect();
             match soft.last() {
-                Some(blind) if blind.has(Blind::BLUR) => told += 1,
+                Some(blind) if blind.has(Blind::BLUR) => reported += 1,
                 _ if edges => lost += 1,
                 _ => {}
             }
         }
     }
-    println!("{clips} clips; out of focus: {told} told, {lost} not though there were edges");
-    assert!(told >= lost, "{told} told, {lost} not");
+    println!(
+        "{clips} clips; out of focus: {reported} reported, {lost} not though there were edges"
+    );
+    assert!(reported >= lost, "{reported} reported, {lost} not");
 }

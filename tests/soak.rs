@@ -56,7 +56,7 @@ fn memory_stays_flat() {
     let start = Instant::now();
     let run = Run::start(&text, open, faults);
     // The rates that are sent, each for the time since the one before, add up to the frames processed.
-    let (mut frames, mut told) = (0.0, Instant::now());
+    let (mut frames, mut last) = (0.0, Instant::now());
     let (mut first, mut warm, mut most) = (None, None, 0);
     let (mut warm_files, mut most_files) = (None, 0);
     while frames < f64::from(wanted) {
@@ -64,12 +64,12 @@ fn memory_stays_flat() {
             if let MavMessage::NAMED_VALUE_FLOAT(value) = message
                 && value.name.to_str().unwrap() == "LK_FPS"
             {
-                frames += f64::from(value.value) * told.elapsed().as_secs_f64();
-                told = Instant::now();
+                frames += f64::from(value.value) * last.elapsed().as_secs_f64();
+                last = Instant::now();
             }
         }
         ground.heard.clear();
-        assert!(told.elapsed() < PATIENCE, "it is silent after {frames} frames");
+        assert!(last.elapsed() < PATIENCE, "it is silent after {frames} frames");
         if frames > 0.0 {
             first.get_or_insert_with(resident);
         }

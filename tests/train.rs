@@ -121,7 +121,7 @@ fn two_clips_are_enough_and_one_is_said_to_be_too_few() {
     };
     assert_eq!(names(folder.path()), ["data", "m.jsonl", "m.lkm"]);
 
-    // The same again is not trained again unless asked for, and then gives the same.
+    // The same training is skipped without `--again`, and with it gives the same model.
     let again = train(&folder, &["data", "--out=m.lkm"]);
     assert!(
         again.contains("m.lkm: trained with these settings already; --again trains"),

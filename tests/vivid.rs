@@ -362,9 +362,9 @@ fn the_program_watches_and_gets_over_an_unplugged_camera() {
     let id = program.id().to_string();
     assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
     let output = program.wait_with_output().unwrap();
-    let told = String::from_utf8(output.stdout).unwrap();
-    eprintln!("{told}");
+    let printed = String::from_utf8(output.stdout).unwrap();
+    eprintln!("{printed}");
     assert_eq!(output.status.code(), Some(0));
-    let frames: u32 = told.split_once(" frames looked at").unwrap().0.parse().unwrap();
-    assert!(frames >= 5, "{told}");
+    let frames: u32 = printed.split_once(" frames looked at").unwrap().0.parse().unwrap();
+    assert!(frames >= 5, "{printed}");
 }

@@ -1,4 +1,4 @@
-//! A Motion JPEG picture of a camera: decoded to grey, or refused. The first two bytes are the size asked for.
+//! A Motion JPEG picture of a camera: decoded to grey, or refused. The first two bytes are the expected size.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -7,7 +7,7 @@ use std::format;
 /// Finds other flying objects in a drone's own moving camera.
 #[derive(Debug, Clone, Parser)]
 #[command(name = "lookout", version, arg_required_else_help = true)]
-#[command(after_help = "LOOKOUT_LOG=debug (or info, trace) tells more on standard error.")]
+#[command(after_help = "LOOKOUT_LOG=debug (or info, trace) prints more on standard error.")]
 pub struct Cli {
     /// The verb.
     #[command(subcommand)]

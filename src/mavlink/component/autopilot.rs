@@ -28,7 +28,7 @@ pub(super) const OTHERS: usize = 16;
 /// Messages may overtake one another by this much without meaning a restart.
 const RESTART_MS: u32 = 2_000;
 
-/// An attitude or position older than this is asked for again.
+/// An attitude or position older than this is requested again.
 const STALE_US: i64 = 1_500_000;
 
 /// Time between two askings.

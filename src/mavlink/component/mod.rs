@@ -49,11 +49,11 @@ pub struct Config {
     pub component_id: u8,
     /// Behave as a camera too, so that QGroundControl draws a box (off by default).
     pub camera: Option<Camera>,
-    /// How often the autopilot is asked for its attitude, a second. Default 50.
+    /// Rate of attitudes requested from the autopilot, Hz. Default 50.
     pub attitude_hz: u16,
-    /// How often the autopilot is asked for its position, a second. Default 5.
+    /// Rate of positions requested from the autopilot, Hz. Default 5.
     pub position_hz: u16,
-    /// Without a finished frame for this long the lookout counts as stalled, in microseconds. Default 700 000.
+    /// Time without a processed frame after which the state is stalled, in microseconds. Default 700 000.
     pub stall_us: i64,
     /// MAV_TYPE of the heartbeat. Default ONBOARD_CONTROLLER.
     pub heartbeat: HeartbeatType,

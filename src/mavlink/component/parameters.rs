@@ -226,7 +226,7 @@ impl Component {
         self.send_parameter(Destination::All, parameter);
     }
 
-    /// Goes on with a list that was asked for, one parameter at a time.
+    /// Continues a requested list, one parameter at a time.
     pub(super) fn list_parameters(&mut self) {
         let Some((link, index)) = self.listing else { return };
         let Some(parameter) = Parameter::from_index(index) else {

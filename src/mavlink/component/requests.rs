@@ -59,7 +59,7 @@ impl Written for MissionAck {
     }
 }
 
-/// MISSION_COUNT (44) of an empty mission; the type as it was asked for, also one that is younger than this program.
+/// MISSION_COUNT (44) of an empty mission; the type is copied from the request, also one that is younger than this program.
 struct NoMission {
     to: Sender,
     mission_type: u8,

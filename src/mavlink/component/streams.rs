@@ -26,7 +26,7 @@ const CLEARING_US: i64 = 5_000_000;
 /// repeats it every second.
 const YIELD_US: i64 = 3_000_000;
 
-/// The shortest interval that can be asked for, in microseconds.
+/// Shortest interval that can be set, in microseconds.
 const SHORTEST_US: i64 = 50_000;
 
 /// A message that is sent regularly.
@@ -67,7 +67,7 @@ pub(super) struct Seen {
 }
 
 impl Component {
-    /// The stream that sends the message `id`, if it may: one that the parameters leave out cannot be asked for.
+    /// The stream that sends the message `id`, unless the parameters switch it off.
     pub(super) fn stream_of(&self, id: u32) -> Option<Stream> {
         let on = |parameter| self.parameters.is_on(parameter);
         let proximity = self.parameters.get(Parameter::Proximity);
@@ -261,7 +261,7 @@ impl Component {
         }
     }
 
-    /// The object the box on the video is for: the one that was asked for, or the most urgent, then the nearest.
+    /// The object of the box on the video: the one chosen by command, or the most urgent, then the nearest.
     pub(super) fn target(&self, now_us: i64) -> Option<Traffic> {
         let objects = self.objects(now_us).iter().filter(|object| object.confirmed);
         let chosen = objects.clone().find(|object| self.follow.chosen == Some(object.id));

@@ -58,7 +58,7 @@ impl Request {
     }
 }
 
-/// A parameter that was asked for, under one of its names.
+/// A requested parameter, under one of its names.
 #[derive(Debug)]
 struct Asked {
     check: &'static Check,

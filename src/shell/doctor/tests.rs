@@ -255,7 +255,7 @@ fn what_is_off_is_named() {
     assert!(missing[1].starts_with("ADSB_VEHICLE: AVD_ENABLE: no answer"), "{missing:?}");
     // Not wanted, so only reported.
     assert_eq!(line(&findings, "PRX1_TYPE is 0").mark, Mark::Note);
-    // With the probe it is asked for, and nothing comes back.
+    // The probe requests it, and no answer comes.
     let (findings, _) = examine(&mut autopilot, &[Purpose::Traffic], true);
     assert_eq!(line(&findings, "PRX1_TYPE is 0").mark, Mark::Missing);
     assert_eq!(line(&findings, "nothing of it came back").mark, Mark::Missing);
@@ -268,7 +268,7 @@ fn older_names_are_tried() {
     autopilot.parameters.insert("PRX_TYPE", value);
     let (findings, _) = examine(&mut autopilot, &[Purpose::Proximity], false);
     assert_eq!(line(&findings, "PRX_TYPE is 2").mark, Mark::Good);
-    // An unanswered name is asked for four times, the others once.
+    // An unanswered name is requested four times, the others once.
     assert_eq!(autopilot.asked, 2 * 4 + 10);
 }
 

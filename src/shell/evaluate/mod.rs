@@ -51,7 +51,7 @@ use track_metrics::{ClipWatch, FollowSettings};
 /// Why clips cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
-    /// No clip of a folder has a name that was asked for.
+    /// No clip of a folder has one of the names given.
     #[error("{}: no clip in it whose name contains '{}'", path.display(), names.join("' or '"))]
     NoClips {
         /// The folder.
@@ -289,7 +289,7 @@ impl Run {
     }
 }
 
-/// The runs that were asked for, each once; ours last, and always there with a report.
+/// The runs given on the command line, each once; ours last, and always there with a report.
 fn runs(args: &EvalArgs, report: bool) -> Result<Vec<Run>, Error> {
     let mut methods: Vec<MethodName> = Vec::new();
     for method in &args.method {
@@ -367,7 +367,7 @@ pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     Ok(Ended::Complete)
 }
 
-/// The detections of one clip from its files; its frames are not read, but for the size where tracks are asked for.
+/// The detections of one clip from its files; its frames are not read, except for their size where tracks are evaluated.
 fn score_clip(
     args: &ScoreArgs,
     clip: &Clip,

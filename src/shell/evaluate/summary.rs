@@ -105,7 +105,7 @@ pub struct Parts<'a> {
     pub results: &'a [ClipResult],
     /// The model; none where nothing is learned or detections are read from files.
     pub model: Option<&'a Model<'a>>,
-    /// Least score that was asked for, log-odds.
+    /// Least score of detections that count, log-odds.
     pub least: Option<f64>,
     /// Whether to print figures of tracks.
     pub tracks: bool,

@@ -239,7 +239,7 @@ pub const KEYS: &[Key] = &[
         unit: "pixels",
         default: "640",
         reload: true,
-        about: "Width that a camera is asked for, or a simulated flight has; an address is scaled down to fit into it, a file or a program has its own.",
+        about: "Width of frames requested from a camera or simulated; streams are scaled down to fit, files and programs have their own.",
     },
     Key {
         name: "camera.height",

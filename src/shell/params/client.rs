@@ -73,7 +73,7 @@ pub enum ParamsError {
     Refused {
         /// Its name.
         name: String,
-        /// The value that was asked for.
+        /// The value to set.
         wanted: f32,
         /// The value that holds.
         held: f32,
@@ -214,7 +214,7 @@ impl Client {
         }
     }
 
-    /// The values that were asked for, by index.
+    /// The requested values, by index.
     ///
     /// # Errors
     /// [`ParamsError`].

@@ -72,7 +72,7 @@ pub enum PipelineError {
     /// Threads cannot be started.
     #[error("cannot start {threads} threads: {reason}; try a smaller --threads")]
     Threads {
-        /// How many were asked for.
+        /// The number given.
         threads: usize,
         /// The system's reason.
         reason: String,

@@ -20,7 +20,7 @@ pub struct FrameSize {
     height: usize,
 }
 
-/// Largest side of frames that are asked for.
+/// Largest side of `--frame`.
 const MAX_SIDE: usize = 8192;
 
 impl FromStr for FrameSize {

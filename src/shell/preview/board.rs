@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use std::vec::Vec;
 
-/// Nobody looks any more when no picture was asked for this long.
+/// Time without a request for a picture after which none is copied any more.
 const LOOKING: Duration = Duration::from_secs(3);
 
 /// Shortest time between two pictures.
@@ -49,7 +49,7 @@ struct Newest {
     /// The newest picture, and when it came.
     shown: Option<(Arc<Shown>, Instant)>,
     pictures: u64,
-    /// When somebody last asked for a picture.
+    /// Time of the last request for a picture.
     looked: Option<Instant>,
     /// Shortest time until the next picture.
     pause: Duration,

@@ -40,7 +40,7 @@ pub struct Site {
     page: String,
     /// Content security policy of the page: its own script and style, requests to this server only.
     policy: String,
-    /// The last picture that somebody asked for.
+    /// The last picture that was requested, encoded.
     encoded: Option<(u64, Vec<u8>)>,
 }
 

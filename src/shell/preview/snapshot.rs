@@ -16,7 +16,7 @@ use std::vec::Vec;
 /// The lookout at one time.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Snapshot {
-    /// The frame, where [`super::Preview::wants_picture`] asked for it.
+    /// The frame, if [`super::Preview::wants_picture`] was true.
     #[serde(skip)]
     pub picture: Option<Picture>,
     /// Time of the frame in microseconds.
@@ -285,8 +285,8 @@ mod tests {
         assert!(near(track.azimuth_deg, 45.0) && near(track.elevation_deg, 0.0), "{track:?}");
         assert_eq!((track.id, track.range_m, track.time_to_contact_s), (7, Some(300.0), None));
         assert_eq!((track.rect, track.score), ([100.0, 50.0, 20.0, 10.0], 2.0));
-        let told = serde_json::to_value(&track).unwrap();
-        assert_eq!((&told["level"], &told["confirmed"]), (&json!("traffic"), &json!(true)));
+        let value = serde_json::to_value(&track).unwrap();
+        assert_eq!((&value["level"], &value["confirmed"]), (&json!("traffic"), &json!(true)));
     }
 
     #[test]
@@ -305,9 +305,9 @@ mod tests {
     fn reasons_in_words() {
         let health = Health { blind: Blind::DARK.and(Blind::COVERED), ..Health::default() };
         assert_eq!(health.reasons().collect::<Vec<_>>(), ["too dark", "covered or frozen"]);
-        let told = serde_json::to_value(&health).unwrap();
-        assert_eq!(told["blind"], json!(["too dark", "covered or frozen"]));
-        assert_eq!(told["state"], "starting");
+        let value = serde_json::to_value(&health).unwrap();
+        assert_eq!(value["blind"], json!(["too dark", "covered or frozen"]));
+        assert_eq!(value["state"], "starting");
     }
 
     #[test]

@@ -128,7 +128,7 @@ impl Cutout {
         let (left, top) = (x.floor(), y.floor());
         let (across, down) = (x - left, y - top);
         let mut sum = [0.0; 2];
-        // Most points asked for are beside the object.
+        // Most sampled points are beside the object.
         if left < -1.0 || top < -1.0 || left >= self.width as f64 || top >= self.height as f64 {
             return sum;
         }

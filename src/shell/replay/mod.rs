@@ -32,7 +32,7 @@ use std::time::{Duration, Instant};
 use std::{eprintln, format};
 use telemetry::{LATENCY_US, Telemetry, TelemetryArgs};
 
-/// Precision (Q16) of what is reported where nothing else is asked for and the model knows what its scores are worth.
+/// Default precision (Q16) of reported detections, for models with a calibration.
 const PRECISION: u32 = ONE * 9 / 10;
 
 /// Time between two lines of progress where there is no terminal.
@@ -169,7 +169,7 @@ impl SpokenProgress {
     }
 }
 
-/// Everything the user asked for, fed frame by frame.
+/// Outputs of a replay, written frame by frame.
 struct Outputs {
     threshold: i32,
     lead: u64,

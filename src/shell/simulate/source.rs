@@ -3,7 +3,7 @@
 use crate::shell::simulate::{SimulateSettings, Simulator, Truth};
 use crate::shell::sources::{Frame, FrameSource, SourceError};
 
-/// Frames of a simulated flight, each rendered when it is asked for.
+/// Frames of a simulated flight, each rendered when it is read.
 #[derive(Debug, Clone)]
 pub struct Simulated {
     simulator: Simulator,

@@ -88,8 +88,8 @@ mod tests {
             times.sort_unstable();
             let rank = (times.len() * percent as usize).div_ceil(100);
             let exact = times[rank - 1].clamp(0, LONGEST);
-            let told = histogram.percentile(percent);
-            prop_assert!(told >= exact && told <= exact + exact / 16, "{told} for {exact}");
+            let found = histogram.percentile(percent);
+            prop_assert!(found >= exact && found <= exact + exact / 16, "{found} for {exact}");
             prop_assert_eq!(histogram.count(), times.len() as u64);
         }
     }

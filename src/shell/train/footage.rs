@@ -78,7 +78,7 @@ pub fn is_held_back(place: usize, hold_back: usize) -> bool {
     hold_back > 0 && place % hold_back == hold_back - 1
 }
 
-/// Looks through a clip; also gives objects that can be pasted into others, if these are asked for.
+/// Reads a clip once; also returns objects that can be pasted into others, if `--paste` needs them.
 pub(super) fn read(
     clip: clips::Clip,
     every: usize,

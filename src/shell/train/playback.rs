@@ -1,4 +1,4 @@
-//! A clip's frames, decoded as they are asked for: memory holds the last few alone.
+//! Decoding of a clip's frames in order; memory holds only the last few.
 
 use super::TrainError;
 use super::footage::{Footage, HISTORY};
@@ -33,7 +33,7 @@ impl<'a> Playback<'a> {
         Ok(Self { clip, source, decoded, recent, read: 0, patch: Vec::new() })
     }
 
-    /// Frame `number`, from 1: any later one, or one of the last [`HISTORY`] before the newest that was asked for. Empty
+    /// Frame `number`, from 1: any later one, or one of the last [`HISTORY`] before the newest decoded. Empty
     /// where no sampled frame depends on it.
     ///
     /// # Errors

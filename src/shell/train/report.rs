@@ -134,7 +134,7 @@ impl Report {
         }))
     }
 
-    /// Prints size, precision and time of the model, and writes the card where one is asked for.
+    /// Prints size, precision and time of the model, and writes the card if `--card` is given.
     ///
     /// # Errors
     /// [`Error`] of a card that is no text or cannot be written.

@@ -253,9 +253,9 @@ fn collision_yields_to_the_autopilot_s_own() {
     let time_to_contact = Some(Estimate { value: I16F16::from_num(9), sigma: I16F16::ONE });
     flight.seen.push(Traffic { level: Level::Warning, time_to_contact, ..traffic(5) });
     flight.fly(5.0);
-    let told = flight.of::<COLLISION_DATA>();
-    assert!((4..=5).contains(&told.len()) && told[0].2.threat_level as u8 == 2);
-    let own = told[0].2.clone();
+    let reported = flight.of::<COLLISION_DATA>();
+    assert!((4..=5).contains(&reported.len()) && reported[0].2.threat_level as u8 == 2);
+    let own = reported[0].2.clone();
     assert_eq!(flight.of::<ADSB_VEHICLE_DATA>()[0].2.ICAO_address, own.id);
     assert_eq!(
         flight.of::<STATUSTEXT_DATA>().iter().filter(|t| t.2.severity as u8 == 2).count(),

@@ -105,9 +105,9 @@ fn parameters_are_listed_read_and_set() {
         flight.events.clear();
         flight.hear(255, 190, &data);
         flight.drain();
-        let told: Vec<_> =
+        let echoed: Vec<_> =
             flight.of::<PARAM_VALUE_DATA>().iter().map(|p| p.2.param_value).collect();
-        assert_eq!(told, echo.into_iter().collect::<Vec<_>>(), "{data:?}");
+        assert_eq!(echoed, echo.into_iter().collect::<Vec<_>>(), "{data:?}");
         assert_eq!(
             flight.events.contains(&Event::Parameter(Parameter::Wingspan)),
             taken,

@@ -46,7 +46,7 @@ pub struct ReportArgs {
 }
 
 impl ReportArgs {
-    /// Whether a report is asked for.
+    /// Whether a report is to be written.
     pub fn wanted(&self) -> bool {
         self.report.is_some()
     }

@@ -109,12 +109,12 @@ fn a_cut_end_loses_one_record() {
 
 #[test]
 fn what_is_no_log_is_named() {
-    let told = |bytes: &[u8]| reader(bytes).next_record().unwrap_err().to_string();
+    let error = |bytes: &[u8]| reader(bytes).next_record().unwrap_err().to_string();
     let empty = "flight.tlog: bytes 0 to 0: no MAVLink message with a time before it; \
         give a telemetry log (.tlog) of a ground station";
-    assert_eq!(told(&[]), empty);
-    assert!(told(&[0xfd; 5000]).starts_with("flight.tlog: bytes 0 to 5000: no MAVLink message"));
-    assert!(told(&frame(0)).ends_with("give the .tlog in place of the .raw file"));
+    assert_eq!(error(&[]), empty);
+    assert!(error(&[0xfd; 5000]).starts_with("flight.tlog: bytes 0 to 5000: no MAVLink message"));
+    assert!(error(&frame(0)).ends_with("give the .tlog in place of the .raw file"));
     let missing = Reader::open(Path::new("/nowhere/a.tlog")).err().unwrap().to_string();
     assert!(missing.starts_with("/nowhere/a.tlog: byte 0: cannot read: "), "{missing}");
 }

@@ -43,12 +43,12 @@ pub enum CameraError {
         /// The kind of file or device that it is.
         reason: String,
     },
-    /// A camera without a format that is asked for, or understood.
+    /// A camera without the requested format, or without any that is understood.
     #[error("{}: the camera has no format {wanted}, only {offered}", path.display())]
     Format {
         /// The video node.
         path: PathBuf,
-        /// The format that was asked for, or those that are understood.
+        /// The requested format, or those that are understood.
         wanted: String,
         /// Formats, sizes or rates that the camera has.
         offered: String,
@@ -68,7 +68,7 @@ pub enum CameraError {
         path: PathBuf,
         /// The format in which the camera comes nearest.
         format: PixelFormat,
-        /// Width and height that were asked for.
+        /// Requested width and height.
         wanted: (u32, u32),
         /// Width and height instead.
         nearest: (u32, u32),

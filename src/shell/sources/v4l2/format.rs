@@ -17,7 +17,7 @@ use std::vec::Vec;
 /// Frames a second as a fraction.
 pub type Rate = (u32, u32);
 
-/// Sets what was asked for. Without a format the first of [`PixelFormat::ALL`] that the camera has in this size and at
+/// Sets format, size and rate. Without a format the first of [`PixelFormat::ALL`] that the camera has in this size and at
 /// this rate; if the rate is out of reach in all of them, the first in this size.
 pub fn agree(
     device: &Device,
@@ -101,7 +101,7 @@ fn names(formats: &[[u8; 4]]) -> String {
     formats.iter().map(name).collect::<Vec<_>>().join(", ")
 }
 
-/// Sets the rate if one is asked for, and gives that which the camera has then, if it knows.
+/// Sets the rate if one is given, and returns the camera's rate, if the driver knows it.
 fn rate(device: &Device, wanted: Option<u32>) -> Result<Option<Rate>> {
     let parameters = match wanted {
         Some(rate) => device.set_rate(rate),
@@ -118,7 +118,7 @@ fn rate(device: &Device, wanted: Option<u32>) -> Result<Option<Rate>> {
     }
 }
 
-/// Whether a rate is as asked for, to a hundredth: 29.97 is 30. One that is not known is not held against the camera.
+/// Whether a rate is the one requested within a hundredth: 29.97 is 30. An unknown rate counts as right.
 fn is_reached(rate: Option<Rate>, wanted: Option<u32>) -> bool {
     rate.zip(wanted).is_none_or(|((frames, seconds), wanted)| {
         u64::from(frames) * 100 >= u64::from(wanted) * u64::from(seconds) * 99

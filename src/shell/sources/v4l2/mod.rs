@@ -36,7 +36,7 @@ use std::string::String;
 use std::time::{Duration, Instant};
 use std::vec::Vec;
 
-/// Buffers asked for: one that is being read, and enough to fill while the machine is busy with something else.
+/// Buffers requested: one that is being read, and enough to fill while the machine is busy with something else.
 const BUFFERS: u32 = 4;
 
 /// Requested format, rate and controls of a camera.

@@ -108,7 +108,7 @@ impl TrainedForest {
         }
     }
 
-    /// Gives every feature asked for the number `number(old)`, below `features`.
+    /// Renumbers every feature that is used to `number(old)`, below `features`.
     pub fn renumber(&mut self, number: impl Fn(u16) -> u16, features: u16) {
         for node in self.trees.iter_mut().flat_map(|tree| &mut tree.nodes) {
             node.feature = if *node == Node::LEFT { 0 } else { number(node.feature) };
@@ -116,7 +116,7 @@ impl TrainedForest {
         self.features = features;
     }
 
-    /// Renumbers the features so that only those asked for remain; gives the old id of each new one, ascending.
+    /// Renumbers the features so that only those used remain; returns the old id of each new one, ascending.
     pub fn compact(&mut self) -> Vec<u16> {
         let nodes = self.trees.iter().flat_map(|tree| &tree.nodes);
         // Nodes that no value passes may name any feature: they keep none alive.
