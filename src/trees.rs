@@ -25,7 +25,7 @@ use core::fmt;
 /// Bytes of the header.
 const HEADER: usize = 12;
 
-/// Deepest trees.
+/// Largest depth of a tree.
 pub const MAX_DEPTH: u8 = 8;
 
 /// The reject threshold of a tree after which nothing is rejected.
@@ -55,7 +55,7 @@ pub enum ForestError {
     Bias {
         /// The bias found.
         bias: i32,
-        /// Trees.
+        /// Number of trees.
         trees: u16,
     },
     /// A node tests a feature that does not exist.
@@ -115,7 +115,7 @@ impl Node {
 pub struct Tree<'m> {
     /// `1 << depth` slots: the reject threshold, then the nodes.
     slots: &'m [[u8; 4]],
-    /// As many leaves.
+    /// `1 << depth` leaves.
     leaves: &'m [[u8; 2]],
 }
 

@@ -6,14 +6,14 @@
 use crate::math::real::{self, Real, Vector, add, cross, sin_cos, unit};
 use fixed::types::I2F30;
 
-/// A unit vector.
+/// A unit vector in Q30, along the axes that its user names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Direction {
     /// Forward (body) or north.
     pub x: I2F30,
     /// Right (body) or east.
     pub y: I2F30,
-    /// Down.
+    /// Component downwards.
     pub z: I2F30,
 }
 
@@ -48,7 +48,7 @@ impl Direction {
 /// A rotation as a unit quaternion: of a vehicle, from its body to the world (NED).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Attitude {
-    /// Real part.
+    /// Real part, cosine of half the angle.
     pub w: I2F30,
     /// Along the first axis.
     pub x: I2F30,
@@ -105,7 +105,7 @@ impl Attitude {
         [self.w, self.x, self.y, self.z].map(Real::from_num)
     }
 
-    /// `self` after `first`.
+    /// Composition: the rotation `first`, then `self`.
     pub fn after(self, first: Self) -> Self {
         let ([aw, ax, ay, az], [bw, bx, by, bz]) = (self.parts(), first.parts());
         Self::new([
@@ -117,7 +117,7 @@ impl Attitude {
         .unwrap_or(Self::IDENTITY)
     }
 
-    /// The rotation back.
+    /// Inverse rotation.
     pub fn inverse(self) -> Self {
         Self { w: self.w, x: -self.x, y: -self.y, z: -self.z }
     }

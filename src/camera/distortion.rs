@@ -36,7 +36,7 @@ pub enum Lens {
 type Matrix = [Vector; 3];
 
 impl Lens {
-    /// No distortion.
+    /// An ideal pinhole: all coefficients 0.
     pub const PINHOLE: Self = Self::Polynomial([ZERO; 14]);
 
     /// Largest magnitude of a coefficient.

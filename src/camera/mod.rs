@@ -35,7 +35,7 @@ pub struct Intrinsics {
     pub focal: [Real; 2],
     /// Where the optical axis meets the picture; the centre of the first pixel is (0, 0).
     pub centre: [Real; 2],
-    /// The lens.
+    /// Distortion of the lens.
     pub lens: Lens,
 }
 

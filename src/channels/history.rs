@@ -12,7 +12,7 @@ pub enum History {
     Half = 1,
 }
 
-/// Most frames back.
+/// Longest lag of a difference image, in frames.
 pub const FARTHEST: usize = 10;
 
 impl History {

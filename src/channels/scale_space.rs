@@ -11,7 +11,7 @@ use crate::image::gradient::CELL;
 use crate::image::pyramid;
 use core::ops::Range;
 
-/// Most levels.
+/// Largest number of levels.
 pub const MAX_LEVELS: usize = 20;
 
 /// Length of the nominal target in a window: half the window, 20 of the paper's 40 px.
@@ -283,12 +283,12 @@ pub fn build(geometry: &Geometry, bytes: &mut [u8], frame: &Halvings<'_>, slot: 
 pub struct Pictures<'a> {
     /// Number of the level.
     pub number: u8,
-    /// Size and place.
+    /// Size, scale and role of the level.
     pub level: Level,
     /// The level in the last frames, newest first; `None` for slices that the history does not keep. Frames not yet seen
     /// repeat the oldest.
     pub slices: [Option<Slice<'a>>; SLICES],
-    /// The newest frame.
+    /// Channels of the newest frame.
     pub newest: Newest<'a>,
 }
 
@@ -313,7 +313,7 @@ impl<'a> Pyramid<'a> {
         Self { geometry, bytes, frames, slots }
     }
 
-    /// The levels.
+    /// Sizes and scales of all levels, finest first.
     pub fn levels(&self) -> &'a [Level] {
         self.geometry.levels()
     }
@@ -328,7 +328,7 @@ impl<'a> Pyramid<'a> {
         self.frames.map(|[frame, ..]| frame)
     }
 
-    /// The searched levels.
+    /// Pictures of the levels that are searched, finest first.
     pub fn searched(&self) -> impl Iterator<Item = Pictures<'a>> + use<'a> {
         let this = *self;
         let numbers = 0..this.levels().len();

@@ -33,7 +33,7 @@ const REFINE_LEVELS: [isize; 3] = [0, -1, 1];
 /// A proposal and its detection.
 #[derive(Debug, Clone, Copy)]
 pub struct Scored {
-    /// The proposal.
+    /// Window of the scan that the detection comes from.
     pub candidate: Candidate,
     /// Its box and score.
     pub detection: Detection,

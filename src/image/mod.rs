@@ -105,7 +105,7 @@ impl<'a> Image<'a> {
         self.width
     }
 
-    /// Rows.
+    /// Number of rows.
     pub const fn height(&self) -> usize {
         self.height
     }

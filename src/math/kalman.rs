@@ -17,7 +17,7 @@ pub const MAX_VARIANCE: Real = Real::lit("100000000");
 pub struct Spread {
     /// Variance of the value.
     pub value: Real,
-    /// Their covariance.
+    /// Covariance of value and rate.
     pub both: Real,
     /// Variance of the rate.
     pub rate: Real,

@@ -3,7 +3,7 @@
 //! Little-endian knots of 8 bytes: score (`i32`, Q16), precision (`u32`, Q16, at most 1). Scores rise strictly,
 //! precisions never fall. Measured by the trainer on clips held back; a model may have none.
 
-/// Most knots.
+/// Largest number of knots.
 pub const MAX_KNOTS: usize = 32;
 
 /// Bytes of a knot.

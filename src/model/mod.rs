@@ -33,9 +33,9 @@ pub enum Section {
     Scan,
     /// Features of a patch for φ_h and φ_v.
     PatchFeatures,
-    /// φ_h.
+    /// Trees of φ_h, the horizontal shift regressor.
     Horizontal,
-    /// φ_v.
+    /// Trees of φ_v, the vertical shift regressor.
     Vertical,
     /// Features of a cube for the trees below.
     CubeFeatures,
@@ -363,7 +363,7 @@ impl<'m> Model<'m> {
         &self.scan
     }
 
-    /// φ_h and φ_v.
+    /// Shift regressors φ_h and φ_v of Algorithm 1.
     pub fn regressors(&self) -> &Regressors<'m> {
         &self.regressors
     }

@@ -34,7 +34,7 @@ const PIECE: usize = 30;
 /// Density of the corners.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Search {
-    /// Everywhere.
+    /// The strongest corner of every grid cell.
     Dense,
     /// In the middle of cells of twice the smallest side: about a third of the corners, for small boards.
     Sparse,

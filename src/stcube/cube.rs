@@ -115,7 +115,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// All cells.
+    /// All cells of the window.
     pub const WHOLE: Self = Self::new((0, WINDOW as u8), (0, WINDOW as u8));
 
     /// [`Patch::sum`] of a summed-area table.

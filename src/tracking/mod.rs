@@ -35,7 +35,7 @@ const POINTS: i32 = 5;
 pub struct Settings {
     /// Starting, confirming and ending tracks.
     pub track: tracker::Settings,
-    /// Alerts.
+    /// Raising and lowering alert levels.
     pub threat: threat::Settings,
 }
 

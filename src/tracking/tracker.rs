@@ -46,7 +46,7 @@ const KNOWN_OBJECT_IOU: u8 = 26;
 /// direction: 2 in Q16, a likelihood ratio of 7. Not measured: no recording here has both.
 const SUPPORT: i32 = 2 << 16;
 
-/// A track.
+/// One track: identity, score, state of its Kalman filters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Track {
     /// Number, from 1.

@@ -34,7 +34,7 @@ pub enum Level {
 /// A measured quantity and its standard deviation, in the same unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Estimate {
-    /// The value.
+    /// Estimated value.
     pub value: I16F16,
     /// One standard deviation, 0 or more.
     pub sigma: I16F16,

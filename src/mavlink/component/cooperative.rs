@@ -36,7 +36,7 @@ const FAR_MM: i64 = 20_000_000;
 /// An aircraft that transmits its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Aircraft {
-    /// ICAO address.
+    /// ICAO address, 24 bits.
     pub address: u32,
     /// Its callsign, where it sends one.
     pub callsign: Option<Callsign>,

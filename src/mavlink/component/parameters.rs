@@ -52,9 +52,9 @@ pub const COUNT: usize = 12;
 /// Values that a parameter may have between its least and its largest.
 #[derive(Clone, Copy)]
 enum Kind {
-    /// All.
+    /// Any number in the range.
     Any,
-    /// Whole numbers.
+    /// Whole numbers in the range.
     Whole,
     /// 0, or at least [`LEAST_RATE`] a second: less would be off without saying so.
     Rate,

@@ -44,7 +44,7 @@ impl Blind {
     /// The picture does not change: frozen, or the lens covered.
     pub const COVERED: Self = Self(8);
 
-    /// Both reasons.
+    /// Union of two sets of reasons.
     pub const fn and(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }

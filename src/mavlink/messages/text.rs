@@ -144,7 +144,7 @@ pub enum Notice {
 }
 
 impl Notice {
-    /// The text.
+    /// The notice as STATUSTEXT.
     pub fn data(self) -> STATUSTEXT_DATA {
         let (severity, words) = match self {
             Self::RecordingStopped => {

@@ -48,7 +48,7 @@ pub struct Figures {
     pub passes: u64,
     /// Pixels in a row.
     pub width: usize,
-    /// Rows.
+    /// Rows of a frame.
     pub height: usize,
     /// Threads the detector could use; 0: one a processor core.
     pub threads: usize,

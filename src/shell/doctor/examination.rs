@@ -119,7 +119,7 @@ impl Examination {
         self.autopilot.as_ref().map_or(1, |autopilot| autopilot.system)
     }
 
-    /// Hears a frame.
+    /// Handles a received frame.
     pub fn receive(&mut self, raw: &MAVLinkMessageRaw, now_us: i64) {
         self.frames += 1;
         let parsed = MavMessage::parse(raw.version(), raw.message_id(), raw.payload());

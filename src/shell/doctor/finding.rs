@@ -7,7 +7,7 @@ use std::string::String;
 pub enum Mark {
     /// As it should be.
     Good,
-    /// Worth knowing.
+    /// Information, no fault.
     Note,
     /// Something is missing: the exit status says so.
     Missing,
@@ -16,9 +16,9 @@ pub enum Mark {
 /// Something that was found, in words.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
-    /// How it counts.
+    /// Severity.
     pub mark: Mark,
-    /// The words.
+    /// Sentence for the user.
     pub text: String,
 }
 

@@ -41,7 +41,7 @@ pub enum DoctorError {
     NoPicture {
         /// The source, without user and password.
         name: String,
-        /// Why.
+        /// The reason.
         reason: LiveError,
     },
     /// A link on which nothing was heard.
@@ -55,7 +55,7 @@ pub enum DoctorError {
         /// How long it was listened to.
         seconds: u32,
     },
-    /// The doctor's verdict.
+    /// A requirement is not met.
     #[error("missing: {missing}, see above")]
     Missing {
         /// How many things are missing.

@@ -19,7 +19,7 @@ pub enum Purpose {
 }
 
 impl Purpose {
-    /// The message.
+    /// Name of the MAVLink message.
     pub fn message(self) -> &'static str {
         match self {
             Self::Traffic => "ADSB_VEHICLE",

@@ -22,7 +22,7 @@ const WAIT_US: i64 = 1_500_000;
 /// Microseconds from one to the next.
 const INTERVAL_US: i64 = 100_000;
 
-/// The probe.
+/// State of the probe: messages sent and telemetry that answers them.
 #[derive(Debug)]
 pub struct Probe {
     due_us: i64,
@@ -34,7 +34,7 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// Begins.
+    /// Starts the probe.
     pub fn new(now_us: i64) -> Self {
         Self { due_us: now_us + WAIT_US, sent: 0, refused: false, echo: None, healthy: None }
     }

@@ -23,7 +23,7 @@ pub struct Rate {
 }
 
 impl Rate {
-    /// One more came.
+    /// Counts a message received at `now_us`.
     pub fn add(&mut self, now_us: i64) {
         if self.count == 0 {
             self.first_us = now_us;

@@ -25,9 +25,9 @@ pub const FEWEST_CLIPS: usize = 3;
 pub struct Interval {
     /// On the clips as they are; none where nothing can be found.
     pub value: Option<f64>,
-    /// Lower end.
+    /// Lower end of the interval; `None` with too few clips.
     pub low: Option<f64>,
-    /// Upper end.
+    /// Upper end of the interval; `None` with too few clips.
     pub high: Option<f64>,
 }
 

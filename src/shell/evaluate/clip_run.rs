@@ -97,7 +97,7 @@ impl ScanCounts {
 /// The scan's figures as they are printed.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct ScanFigures {
-    /// Frames.
+    /// Number of frames.
     pub frames: u64,
     /// Windows looked at in a frame.
     pub windows_per_frame: f64,

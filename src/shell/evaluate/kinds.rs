@@ -29,18 +29,18 @@ pub struct KindClip<'a> {
     pub matches: &'a ClipMatches,
     /// Texture around each target, grey levels; none where frames were not seen.
     pub textures: Option<&'a [f64]>,
-    /// Facts of it.
+    /// Properties of the clip.
     pub facts: &'a Facts,
 }
 
 /// Figures of one kind.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// The kind.
+    /// Kind of footage.
     pub kind: String,
     /// Clips with such targets.
     pub clips: usize,
-    /// Targets.
+    /// Number of labelled targets.
     pub targets: usize,
     /// Share of them found at the score of use; none without targets.
     pub recall: Option<f64>,

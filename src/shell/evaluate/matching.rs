@@ -65,7 +65,7 @@ impl Matched {
 pub struct Target {
     /// The frame, from 1.
     pub frame: u64,
-    /// The labelled object.
+    /// Box of the ground truth.
     pub truth: TruthBox,
 }
 

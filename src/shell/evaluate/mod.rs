@@ -74,9 +74,9 @@ pub enum EvaluateError {
     /// Clips that could not be measured.
     #[error("{broken} of {all} clips left out, see above; the figures are of the others")]
     BrokenClips {
-        /// How many.
+        /// Number of clips that could not be read.
         broken: usize,
-        /// Of so many.
+        /// Number of all clips.
         all: usize,
     },
 }

@@ -21,7 +21,7 @@ const SPANS: [(&str, f64); 3] =
 /// Targets of one group of spans.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SpanRanges {
-    /// The group.
+    /// Label of the group.
     pub name: &'static str,
     /// Targets in it.
     pub targets: usize,
@@ -31,7 +31,7 @@ pub struct SpanRanges {
     pub first_track_m: Option<f64>,
     /// Farthest distance of a frame with a confirmed track, metres.
     pub farthest_m: Option<f64>,
-    /// By distance.
+    /// Figures by distance.
     pub bins: Vec<RangeBin>,
 }
 

@@ -9,7 +9,7 @@ use std::vec::Vec;
 /// A detection that counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
-    /// Larger is surer.
+    /// Score; larger is more likely a target.
     pub score: f64,
     /// Whether it found a target.
     pub hit: bool,

@@ -99,7 +99,7 @@ pub struct RegistrationFigures {
 }
 
 impl RegistrationFigures {
-    /// Of clips.
+    /// Figures over the clips.
     pub fn new<'c>(clips: impl Iterator<Item = &'c ClipRegistration>) -> Self {
         let mut all = ClipRegistration::default();
         for clip in clips {

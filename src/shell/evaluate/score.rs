@@ -115,7 +115,7 @@ impl Scorer {
 /// Share of targets of one kind that were found at any score.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Share {
-    /// The kind.
+    /// Kind of footage.
     pub name: String,
     /// Found of all, 0 to 1; none without targets.
     pub recall: Option<f64>,

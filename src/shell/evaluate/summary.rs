@@ -99,9 +99,9 @@ pub struct Summary {
 pub struct Parts<'a> {
     /// Name of the method, where several are run.
     pub method: Option<&'a str>,
-    /// The clips.
+    /// The evaluated splits.
     pub splits: &'a Splits,
-    /// By clip.
+    /// Results by clip.
     pub results: &'a [ClipResult],
     /// The model; none where nothing is learned or detections are read from files.
     pub model: Option<&'a Model<'a>>,
@@ -119,7 +119,7 @@ fn hours(result: &ClipResult, facts: &Facts) -> f64 {
 }
 
 impl Summary {
-    /// Of a run.
+    /// Summary of a run.
     pub fn new(parts: Parts<'_>) -> Self {
         let Parts { splits, results, model, .. } = parts;
         let clips = || splits.clips.iter().zip(results);

@@ -15,7 +15,7 @@ const MUST_WARN_SIZE: f64 = 16.0;
 /// A target of a collision flight.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Collision {
-    /// The flight.
+    /// Name of the flight.
     pub flight: String,
     /// Longest side while there was time to warn, in pixels.
     pub longest_px: f64,
@@ -93,7 +93,7 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// Of clips.
+    /// Figures over the clips.
     pub fn new(clips: &[&ClipTracks]) -> Self {
         let targets = || clips.iter().flat_map(|c| c.targets.iter().map(|(_, t)| t));
         let frames: u64 = targets().map(|t| t.frames).sum();

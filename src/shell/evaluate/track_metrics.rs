@@ -115,7 +115,7 @@ pub struct RangeSample {
 /// Figures of a clip.
 #[derive(Debug, Clone, Default)]
 pub struct ClipTracks {
-    /// The clip.
+    /// Name of the clip.
     pub name: String,
     /// Kind of encounter; empty where not known.
     pub kind: String,

@@ -24,7 +24,7 @@ pub struct QuietClip<'a> {
     pub matches: &'a ClipMatches,
     /// Its tracks; none where nothing was followed.
     pub tracks: Option<&'a ClipTracks>,
-    /// Facts of it.
+    /// Properties of the clip.
     pub facts: &'a Facts,
     /// Its length, hours.
     pub hours: f64,
@@ -63,9 +63,9 @@ fn cause(facts: &Facts, bird: bool) -> Cause {
 /// Rates of one kind of event.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Events {
-    /// The kind.
+    /// Kind of footage.
     pub name: &'static str,
-    /// All of them.
+    /// Rate of all false reports.
     pub all: Rate,
     /// By cause; only causes with events.
     by_cause: Vec<CauseRate>,
@@ -81,7 +81,7 @@ struct CauseRate {
 /// Figures of the clips without a target.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WithoutTarget {
-    /// Clips.
+    /// Number of clips.
     pub clips: usize,
     /// Their length, hours.
     pub hours: f64,

@@ -92,11 +92,11 @@ pub struct CameraFile {
     pub height: u32,
     /// Focal lengths in pixels.
     pub fx: f64,
-    /// See `fx`.
+    /// Focal length along y in pixels.
     pub fy: f64,
     /// Optical axis in pixels.
     pub cx: f64,
-    /// See `cx`.
+    /// Optical axis along y in pixels.
     pub cy: f64,
     /// Manoeuvre of the other aircraft, where it is known.
     #[serde(default)]

@@ -81,7 +81,7 @@ impl FrameSource for AtRate {
 pub struct BrokenClip {
     /// Its name.
     pub name: String,
-    /// Why.
+    /// The reason.
     pub error: ClipsError,
 }
 
@@ -214,7 +214,7 @@ pub enum ClipsError {
     /// A folder cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Read {
-        /// Which one.
+        /// The folder.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,

@@ -30,7 +30,7 @@ pub type Box4 = [f64; 4];
 pub struct Found {
     /// The frame, from 1.
     pub frame: u64,
-    /// Where it is.
+    /// Its box.
     pub rect: Box4,
     /// Score; larger is more likely a target.
     pub score: f64,

@@ -35,14 +35,14 @@ pub enum FlightLogError {
 pub enum Sample {
     /// Rotation from body (forward, right, down) to north, east, down: unit quaternion w, x, y, z.
     Attitude {
-        /// When.
+        /// Time of measurement.
         time_us: i64,
         /// The quaternion.
         quaternion: [f64; 4],
     },
-    /// Place and velocity.
+    /// Position and velocity.
     Position {
-        /// When.
+        /// Time of measurement.
         time_us: i64,
         /// Latitude and longitude in degrees, altitude above mean sea level in metres.
         place: [f64; 3],

@@ -32,7 +32,7 @@ fn boot_ms(frame: &MAVLinkMessageRaw) -> Option<(u32, i64)> {
 /// Steady times for messages with the times of their receipt, microseconds. Errors pass.
 pub struct Timeline<I, E> {
     input: I,
-    /// Read ahead.
+    /// Messages read ahead of their time.
     waiting: VecDeque<Result<(i64, MAVLinkMessageRaw), E>>,
     /// Time of the last message as it was logged.
     last_us: Option<i64>,

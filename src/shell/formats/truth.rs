@@ -27,7 +27,7 @@ const COLUMNS: [&str; 10] = [
 pub struct FrameTruth {
     /// Roll, pitch (nose up), yaw (to the right) of the camera.
     pub attitude: [f64; 3],
-    /// The other aircraft.
+    /// Targets in the frame.
     pub targets: Vec<Target>,
 }
 
@@ -40,7 +40,7 @@ pub struct Target {
     pub azimuth: f64,
     /// Below the horizon, radians.
     pub elevation: f64,
-    /// Metres.
+    /// Distance in metres.
     pub range: f64,
     /// Seconds; `None` when it does not come nearer.
     pub time_to_contact: Option<f64>,

@@ -11,7 +11,7 @@ pub enum ImportError {
     /// A file or folder cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Read {
-        /// Which one.
+        /// The file.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
@@ -19,7 +19,7 @@ pub enum ImportError {
     /// A file or folder cannot be written.
     #[error("{}: cannot be written: {source}", path.display())]
     Write {
-        /// Which one.
+        /// The file.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,

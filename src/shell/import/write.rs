@@ -14,9 +14,9 @@ use std::{format, fs, io};
 /// Counts of clips and labels that were written.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Written {
-    /// Clips.
+    /// Number of clips.
     pub clips: usize,
-    /// Boxes in `gt.txt`.
+    /// Number of boxes in `gt.txt`.
     pub boxes: usize,
     /// Of these, boxes that count neither way.
     pub ignored: usize,

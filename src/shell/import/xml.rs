@@ -16,7 +16,7 @@ pub fn text(path: &Path) -> Result<String, ImportError> {
     Ok(text.strip_prefix('\u{feff}').unwrap_or(&text).into())
 }
 
-/// A parsed file.
+/// A parsed XML file, with its path for errors.
 #[derive(Debug)]
 pub struct Xml<'a> {
     path: &'a Path,

@@ -27,7 +27,7 @@ pub enum Address {
 /// A link and its bandwidth.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LinkSpec {
-    /// Address.
+    /// Address of the other end, or our own.
     pub address: Address,
     /// Bytes a second for everything but answers, see [`super::budget::Budget`]. Half of the capacity of a serial port, 20 000
     /// elsewhere.
@@ -40,7 +40,7 @@ pub struct LinkSpec {
     "link '{text}': {reason}; write udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD"
 )]
 pub struct LinkSpecError {
-    /// The words.
+    /// The specification as given.
     pub text: String,
     /// The part that is missing or wrong.
     pub reason: &'static str,

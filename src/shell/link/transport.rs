@@ -112,7 +112,7 @@ enum Medium {
     UdpOut(UdpSocket, Decoder),
     /// Datagrams of whoever speaks to us.
     UdpIn(UdpSocket, Vec<UdpPeer>),
-    /// A connection.
+    /// A TCP connection.
     Tcp(TcpStream, Decoder),
     /// Connections that come in.
     TcpIn(TcpListener, Vec<TcpPeer>),

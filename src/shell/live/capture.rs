@@ -21,10 +21,10 @@ const LAST_WAIT: Duration = Duration::from_secs(5);
 /// State of the capture.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Camera {
-    /// Opens the source.
+    /// The source is being opened.
     #[default]
     Opening,
-    /// Takes frames.
+    /// Frames are taken.
     Running,
     /// The source is gone, for this reason; it is tried again.
     Gone(String),

@@ -76,7 +76,7 @@ struct Alert {
     rect: Box4,
 }
 
-/// Keeps the log.
+/// Event log: JSON Lines in folders of limited size.
 #[derive(Debug)]
 pub struct Events {
     writer: Writer<Alert>,

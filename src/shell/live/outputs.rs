@@ -32,7 +32,7 @@ pub struct Condition {
     pub state: State,
     /// Why nothing can be seen, if so.
     pub blind: Blind,
-    /// The source.
+    /// State of the source.
     pub camera: Camera,
     /// Frames looked at, left out, and looked at a second.
     pub frames: (u64, u32, f64),

@@ -66,7 +66,7 @@ struct Recorded {
     whole: bool,
 }
 
-/// Records.
+/// Recording of frames and telemetry in segments.
 #[derive(Debug)]
 pub struct Recorder {
     writer: Writer<Item>,

@@ -22,7 +22,7 @@ const SLICE: Duration = Duration::from_millis(100);
 /// A frame and its detections.
 #[derive(Debug)]
 pub struct Seen {
-    /// The frame.
+    /// The processed frame.
     pub frame: Arc<Frame>,
     /// Its detections.
     pub found: Detections,

@@ -27,7 +27,7 @@ pub enum Wish {
     Set(String, f32),
 }
 
-/// A parameter.
+/// Name and value of a parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Value {
     /// Its name.
@@ -45,9 +45,9 @@ pub enum ParamsError {
          link here?"
     )]
     Silent {
-        /// The link.
+        /// Specification of the link.
         link: String,
-        /// The component.
+        /// Its component id.
         component: u8,
         /// How long it was listened to.
         seconds: u32,
@@ -80,7 +80,7 @@ pub enum ParamsError {
     },
 }
 
-/// The client.
+/// Client of the parameter protocol: a state machine without I/O.
 #[derive(Debug)]
 pub struct Client {
     wish: Wish,
@@ -177,7 +177,7 @@ impl Client {
         self.values.values().find(|value| value.name == name)
     }
 
-    /// Hears a frame.
+    /// Handles a received frame.
     pub fn receive(&mut self, raw: &MAVLinkMessageRaw) {
         if raw.component_id() != self.component {
             return;

@@ -32,7 +32,7 @@ pub enum PictureError {
     },
 }
 
-/// Where pictures go.
+/// Output of pictures.
 #[derive(Debug)]
 pub enum Pictures {
     /// `000001.png`, `000002.png`, .. in a folder.

@@ -20,7 +20,7 @@ pub struct Request<'a> {
     pub query: &'a str,
     /// The host the client believes to speak to.
     pub host: Option<&'a str>,
-    /// Credentials.
+    /// Credentials of the header `Authorization`.
     pub authorization: Option<&'a str>,
     /// The tag of the picture that the client has.
     pub if_none_match: Option<&'a str>,
@@ -83,19 +83,19 @@ impl<'a> Request<'a> {
 /// How a request ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
-    /// Here it is.
+    /// 200.
     Ok,
     /// There is nothing to show yet.
     NoContent,
     /// The client has it.
     NotModified,
-    /// No request.
+    /// 400: not a request.
     BadRequest,
     /// The token is missing or wrong.
     Unauthorized,
     /// Asked for under a name that is not ours.
     Forbidden,
-    /// No such page.
+    /// 404.
     NotFound,
     /// Nothing can be changed here.
     MethodNotAllowed,
@@ -126,14 +126,14 @@ impl Status {
     }
 }
 
-/// An answer.
+/// A response with its headers.
 #[derive(Debug)]
 pub struct Response {
-    /// How it ended.
+    /// Status code.
     pub status: Status,
     /// Header fields, values without line ends.
     pub fields: Vec<(&'static str, String)>,
-    /// The content.
+    /// Body.
     pub body: Vec<u8>,
 }
 

@@ -101,7 +101,7 @@ impl Preview {
         Ok(Self { address, board, stop, waker, thread: Some(thread) })
     }
 
-    /// Where it listens.
+    /// Address on which the server listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }

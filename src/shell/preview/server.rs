@@ -130,7 +130,7 @@ struct Client {
 enum Step {
     /// Waits for the end of a request.
     Reading,
-    /// Sends an answer.
+    /// A response is being sent.
     Writing { answer: Vec<u8>, sent: usize, close: bool },
     /// Reads until the client has closed, too.
     Leaving,

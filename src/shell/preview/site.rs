@@ -29,7 +29,7 @@ const STYLE: &str = include_str!("page.css");
 const BODY: &str = include_str!("page.html");
 const SCRIPT: &str = include_str!("page.js");
 
-/// Answers requests.
+/// Router: responses to requests, from the newest snapshot.
 pub struct Site {
     board: Arc<Board>,
     token: Option<String>,

@@ -194,7 +194,7 @@ pub enum State {
     Watching,
     /// Frames come, but nothing can be seen in them.
     Blind,
-    /// No frames come.
+    /// The source gives no frames.
     CameraGone,
 }
 
@@ -209,7 +209,7 @@ pub struct Latency {
     pub p99_ms: f64,
 }
 
-/// A link.
+/// State of a MAVLink link.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Link {
     /// The link as the user named it.
@@ -226,7 +226,7 @@ pub struct Link {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkState {
-    /// Not open.
+    /// The link is not open.
     #[default]
     Down,
     /// Open, but nothing was heard for [`SILENT_US`]: a UDP link is open also while nobody is there.

@@ -126,7 +126,7 @@ pub struct SceneSettings {
     pub mover_pixels: [f64; 2],
     /// Probability of birds.
     pub birds_probability: f64,
-    /// Most birds.
+    /// Largest number of birds.
     pub birds: usize,
     /// Height of trees and houses as a share of the inverse depth of the ground below them.
     pub structure: [f64; 2],
@@ -136,7 +136,7 @@ pub struct SceneSettings {
     pub glints_probability: f64,
 }
 
-/// Flying objects.
+/// Numbers, sizes and contrasts of flying objects.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Targets {

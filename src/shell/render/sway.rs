@@ -12,7 +12,7 @@ pub(in crate::shell) struct Sway {
 #[derive(Debug, Clone, Copy)]
 struct Wave {
     amplitude: f64,
-    /// Radians a second.
+    /// Angular frequency, radians a second.
     frequency: f64,
     phase: f64,
 }

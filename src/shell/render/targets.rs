@@ -26,7 +26,7 @@ pub enum Encounter {
     Hover,
     /// Comes nearer on a constant bearing; contact is shortly after the end.
     Collision,
-    /// Flies away.
+    /// Flies away from the camera.
     Receding,
     /// No target.
     None,

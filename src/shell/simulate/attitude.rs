@@ -14,7 +14,7 @@ pub(super) struct Camera {
     pitch: f64,
     /// Metres above the ground at the start.
     pub(super) height: f64,
-    /// Metres a second.
+    /// Velocity in metres a second.
     pub(super) velocity: Vector,
 }
 

@@ -17,7 +17,7 @@ pub(super) struct Target {
     pub(super) shape: Shape,
     /// Wing span, or rotor tip to rotor tip, metres.
     pub(super) span: f64,
-    /// Grey.
+    /// Grey level.
     pub(super) tone: f64,
     /// From the camera at time 0, metres in the world.
     start: Vector,

@@ -66,7 +66,7 @@ pub struct TargetTruth {
     pub azimuth: f64,
     /// Below the horizon, radians.
     pub elevation: f64,
-    /// Metres.
+    /// Distance in metres.
     pub range: f64,
     /// Seconds at the present closing speed; `None` when it does not come nearer.
     pub time_to_contact: Option<f64>,

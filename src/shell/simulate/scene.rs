@@ -27,7 +27,7 @@ pub(super) struct Scene {
     ridges: [Ridge; 2],
     /// Haze in 1/256 by the ground's level of detail, see [`Scene::ground`].
     haze: Vec<u32>,
-    /// Radians a pixel.
+    /// Angle of a pixel, radians.
     pixel: f64,
 }
 

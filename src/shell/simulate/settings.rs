@@ -12,7 +12,7 @@ pub enum Kind {
     Hover,
     /// Comes nearer on a constant bearing; contact is shortly after the end.
     Collision,
-    /// Flies away.
+    /// Flies away from the camera.
     Receding,
     /// Is not there: whatever is reported is a false alarm.
     None,

@@ -62,7 +62,7 @@ pub enum StreamError {
     Silent {
         /// The program.
         program: String,
-        /// For how long.
+        /// Time without a frame.
         after: Duration,
         /// The last line of its standard error, empty if none.
         last: String,

@@ -43,7 +43,7 @@ pub struct Video {
 #[derive(Debug, Default)]
 struct Heard {
     complaints: u64,
-    /// The last complaint.
+    /// Last message.
     last: Option<String>,
     /// The last one that means that a part of the file is missing.
     cut: Option<String>,

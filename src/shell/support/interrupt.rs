@@ -35,7 +35,7 @@ pub fn watch() -> Result<(), InterruptError> {
 /// Orders to a service.
 #[derive(Debug, Clone, Default)]
 pub struct Control {
-    /// To end.
+    /// Set by the first signal.
     pub stop: Arc<AtomicBool>,
     /// To read the settings again.
     pub reload: Arc<AtomicBool>,

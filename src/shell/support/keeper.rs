@@ -29,7 +29,7 @@ struct Shared {
     failing: AtomicBool,
 }
 
-/// Keeps a file.
+/// A file that a thread of its own writes, whole at any time.
 #[derive(Debug)]
 pub struct Keeper {
     shared: Arc<Shared>,

@@ -15,7 +15,7 @@ impl Random {
         Self(Self(seed).bits() ^ stream.wrapping_mul(0xD134_2543_DE82_EF95))
     }
 
-    /// Any 64 bits.
+    /// 64 uniformly distributed bits.
     pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;

@@ -57,7 +57,7 @@ pub fn atan2(y: f64, x: f64) -> f64 {
     8.0 * tangent * sum
 }
 
-/// Sum of products.
+/// Dot product.
 pub fn dot(a: Vector, b: Vector) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
@@ -74,7 +74,7 @@ pub fn direction(azimuth: f64, elevation: f64) -> Vector {
     [sa * ce, se, ca * ce]
 }
 
-/// A rotation.
+/// A rotation matrix, row by row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rotation([Vector; 3]);
 
@@ -91,7 +91,7 @@ impl Rotation {
         ])
     }
 
-    /// Turns a vector.
+    /// The vector rotated.
     pub fn apply(&self, v: Vector) -> Vector {
         [dot(self.0[0], v), dot(self.0[1], v), dot(self.0[2], v)]
     }

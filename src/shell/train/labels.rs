@@ -86,9 +86,9 @@ pub struct Tolerance {
 pub enum Label {
     /// It shows the target of that number among the frame's truths, at that offset.
     Positive(usize, Offset),
-    /// It shows none.
+    /// Background: no target is near.
     Negative,
-    /// Neither way.
+    /// Too near to a target for background, too far for a positive.
     Ignore,
 }
 

@@ -13,7 +13,7 @@ pub struct Look {
     mirrored: bool,
     /// Light and dark change places.
     inverted: bool,
-    /// Contrast, Q8.
+    /// Factor of the contrast, Q8.
     gain: i32,
     /// Grey that keeps its place when the contrast changes.
     pivot: i32,

@@ -17,7 +17,7 @@ pub struct Playback<'a> {
     decoded: Frame,
     /// The last frames as the detector sees them, the newest last; empty where no sampled frame depends on it.
     recent: VecDeque<Frame>,
-    /// Frames decoded.
+    /// Number of frames decoded.
     read: usize,
     patch: Vec<u8>,
 }

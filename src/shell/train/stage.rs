@@ -20,7 +20,7 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// In plain words.
+    /// Title in reports.
     pub const fn title(self) -> &'static str {
         match self {
             Self::Scan => "the scan, which proposes windows",

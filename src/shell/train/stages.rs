@@ -309,7 +309,7 @@ impl<'a> Trainer<'a> {
         boost(report, name, options, table.training(), table.validation())
     }
 
-    /// φ_h and φ_v.
+    /// Trains φ_h and φ_v.
     pub fn regressors(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
         let pool = pool::patch(PATCH_FEATURES, &mut self.random(2, 0));
         let pass = Pass { part: (0, 2), pasted: false, ..Pass::new("patches") };

@@ -31,7 +31,7 @@ fn tolerance(pyramid: &Pyramid<'_>) -> Tolerance {
 /// A window of the scan: the values of its aggregate channels, and its label.
 #[derive(Debug, Clone)]
 pub struct Window {
-    /// All values.
+    /// Values of all features.
     pub values: [u8; FEATURES],
     /// The target it shows, a number unlike that of every other target and frame; none for a negative.
     pub target: Option<u32>,
@@ -175,7 +175,7 @@ pub fn hard_negatives(
 pub struct Table {
     /// Binned values.
     pub samples: Samples,
-    /// 1 or -1.
+    /// Labels: 1 target, -1 background.
     pub targets: Vec<f32>,
     /// Weights of the rows to learn from; 0 for those held back.
     pub weights: Vec<f32>,

@@ -164,7 +164,7 @@ impl Dimension {
 /// The figures of a group.
 #[derive(Debug, Clone, Serialize)]
 pub struct GroupFigures {
-    /// The group.
+    /// Label of the group.
     pub name: String,
     /// Clips that have such targets.
     pub clips: usize,

@@ -16,13 +16,13 @@ const KIND: &str = "collision";
 /// Figures of these flights.
 #[derive(Debug, Clone, Serialize)]
 pub struct CollisionFigures {
-    /// Flights.
+    /// Number of flights.
     pub clips: usize,
-    /// Their length.
+    /// Length of the flights, hours.
     pub hours: f64,
     /// Targets in them.
     pub targets: u64,
-    /// By method.
+    /// Figures by method.
     pub methods: Vec<CollisionMethod>,
 }
 

@@ -23,7 +23,7 @@ use std::vec::Vec;
 /// Place in [`IOUS`] of the one by which operating points, birds and the gallery are matched.
 pub const LOOSE: usize = 1;
 
-/// The report.
+/// All figures of a report, as written to its JSON.
 #[derive(Debug, Clone, Serialize)]
 pub struct Figures {
     /// Version of the program.
@@ -65,7 +65,7 @@ pub struct InUse {
 /// The data set; the first frames of each clip are left out.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Flights {
-    /// Clips.
+    /// Number of clips.
     pub clips: usize,
     /// Frames counted.
     pub frames: u64,
@@ -77,7 +77,7 @@ pub struct Flights {
     pub bird_boxes: usize,
     /// Clips without a single target.
     pub clips_without_target: usize,
-    /// Hours of these.
+    /// Length of the clips without a target, hours.
     pub hours_without_target: f64,
 }
 
@@ -86,7 +86,7 @@ pub struct Flights {
 pub struct BootstrapFigures {
     /// The sampling unit.
     pub over: &'static str,
-    /// How often.
+    /// Number of resamples.
     pub resamples: usize,
     /// Seed of the draws.
     pub seed: u64,
@@ -153,7 +153,7 @@ pub struct OperatingPoint {
 /// Figures by groups of targets.
 #[derive(Debug, Clone, Serialize)]
 pub struct Breakdown {
-    /// By what.
+    /// Name of the property that groups are formed by.
     pub by: &'static str,
     /// The same with its unit.
     pub heading: &'static str,

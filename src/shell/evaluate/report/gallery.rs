@@ -23,7 +23,7 @@ const APART: u64 = 15;
 /// A mistake and its picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Strip {
-    /// The clip.
+    /// Name of the clip.
     pub clip: String,
     /// Its number.
     #[serde(skip)]

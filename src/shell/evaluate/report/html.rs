@@ -15,7 +15,7 @@ use std::string::{String, ToString};
 use std::vec;
 use std::vec::Vec;
 
-/// The page.
+/// The report as an HTML page.
 pub fn page(figures: &Figures) -> String {
     let sections = [
         precision(figures),

@@ -46,7 +46,7 @@ impl External {
 pub struct Method {
     /// Its name.
     pub name: String,
-    /// By clip.
+    /// Detections by clip.
     pub clips: Vec<Detected>,
     /// Median time of a frame in milliseconds, where it was measured.
     pub median_ms: Option<f64>,

@@ -30,19 +30,19 @@ pub fn colour(method: usize) -> (u8, u8, u8) {
     COLOURS[method % COLOURS.len()]
 }
 
-/// An axis.
+/// Label and range of an axis.
 #[derive(Debug, Clone)]
 pub struct Axis {
     /// Label with the unit.
     pub label: &'static str,
-    /// Its ends.
+    /// Values at its ends.
     pub range: Range<f64>,
     /// Where there are marks, and what they are called.
     pub ticks: Vec<(f64, String)>,
 }
 
 impl Axis {
-    /// 0 to 1.
+    /// An axis from 0 to 1.
     pub fn share(label: &'static str) -> Self {
         let ticks = (0..=5).map(|i| f64::from(i) / 5.0).map(|v| (v, format!("{v:.1}"))).collect();
         Self { label, range: 0.0..1.0, ticks }

@@ -40,9 +40,9 @@ pub enum CalibrationError {
     /// Two names for one thing, and two values.
     #[error("{first} and {second} say different things; keep the right one")]
     Contradiction {
-        /// A name.
+        /// Name of one field.
         first: String,
-        /// Another one.
+        /// Name of the other field.
         second: String,
     },
     /// A lens model or projection that is not understood.
@@ -58,14 +58,14 @@ pub enum CalibrationError {
     /// A number of coefficients that the model does not have.
     #[error("distortion: {count} coefficients, but {model} has {expected}")]
     Coefficients {
-        /// Of the file.
+        /// Number of coefficients in the file.
         count: usize,
         /// The model.
         model: &'static str,
         /// How many it has.
         expected: &'static str,
     },
-    /// Skewed pixels.
+    /// A camera matrix with skew.
     #[error("camera matrix: a skew of {0} is not supported, expected 0")]
     Skew(f64),
     /// The zeros that an uncalibrated driver publishes.

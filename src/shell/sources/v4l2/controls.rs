@@ -33,7 +33,7 @@ pub struct Control {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Integer,
-    /// Of 64 bits.
+    /// An integer of 64 bits.
     Integer64,
     /// Any value does the same.
     Button,

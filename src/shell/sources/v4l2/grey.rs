@@ -10,9 +10,9 @@ use crate::shell::sources::{Frame, expand};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
     pub format: PixelFormat,
-    /// Pixels.
+    /// Width in pixels.
     pub width: usize,
-    /// Pixels.
+    /// Height in pixels.
     pub height: usize,
     /// Bytes from row to row; meaningless for MJPEG.
     pub stride: usize,

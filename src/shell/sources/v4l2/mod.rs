@@ -44,7 +44,7 @@ const BUFFERS: u32 = 4;
 pub struct Settings {
     /// Pixels; the camera must have exactly this size.
     pub width: u32,
-    /// Pixels.
+    /// Height in pixels; the camera must have exactly this size.
     pub height: u32,
     /// Frames a second; `None` leaves it as it is. A camera takes the nearest that it has.
     pub rate: Option<u32>,

@@ -161,7 +161,7 @@ pub struct Round {
     pub validation_loss: Option<f64>,
 }
 
-/// Boosting under way.
+/// State of boosting: scores of all rows and the trees so far.
 #[derive(Debug, Clone)]
 pub struct Booster<'a> {
     options: Options,

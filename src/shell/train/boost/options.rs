@@ -3,7 +3,7 @@
 use super::{BoostError, Loss, MAX_TREES};
 use crate::trees::MAX_DEPTH;
 
-/// How to boost.
+/// Parameters of boosting.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
     /// The loss.

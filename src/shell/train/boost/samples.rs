@@ -117,7 +117,7 @@ impl Samples {
         Ok(())
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn rows(&self) -> usize {
         self.rows
     }
@@ -138,7 +138,7 @@ impl Samples {
     }
 }
 
-/// [`Samples`] under way.
+/// Builder of [`Samples`], feature by feature.
 #[derive(Debug)]
 pub struct SamplesBuilder {
     samples: Samples,

@@ -82,7 +82,7 @@ impl Runs {
         }
     }
 
-    /// The runs.
+    /// The changed runs of pixels.
     pub fn finish(mut self) -> Vec<Run> {
         self.end();
         self.ended

@@ -18,7 +18,7 @@ const STARTS: [f64; 4] = [0.15, 0.3, 0.45, 0.6];
 /// A slice is centred if the target's centre is no farther from its middle, in lengths of the target.
 const CENTRED: f64 = 0.15;
 
-/// Algorithm 1 alone.
+/// Evaluation of Algorithm 1 apart from the detector.
 #[derive(Debug, Clone, Serialize)]
 pub struct RegressorFigures {
     /// Seed of frames and starts.
@@ -48,16 +48,16 @@ pub struct RegressorFigures {
 /// A share by way.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WayShare {
-    /// The way.
+    /// Name of the way to place slices.
     pub way: &'static str,
-    /// The share.
+    /// Share of the slices, 0 to 1.
     pub share: f64,
 }
 
 /// Errors by groups.
 #[derive(Debug, Clone, Serialize)]
 pub struct Breakdown {
-    /// By what.
+    /// Name of the property that groups are formed by.
     pub by: &'static str,
     /// The same with its unit.
     pub heading: &'static str,
@@ -68,20 +68,20 @@ pub struct Breakdown {
 /// Errors in a group.
 #[derive(Debug, Clone, Serialize)]
 pub struct Group {
-    /// The group.
+    /// Label of the group.
     pub name: String,
     /// Slices in it.
     pub slices: usize,
     /// Distance of the newest window from the target's centre before all: median, lengths of the target.
     pub start: Option<f64>,
-    /// By way.
+    /// Errors by way.
     pub ways: Vec<WayErrors>,
 }
 
 /// Errors of a way.
 #[derive(Debug, Clone, Serialize)]
 pub struct WayErrors {
-    /// The way.
+    /// Name of the way to place slices.
     pub way: &'static str,
     /// Distance of the window's centre from the target's in the slice, pixels.
     pub centre_px: Spread,
