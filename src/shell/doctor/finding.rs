@@ -1,4 +1,4 @@
-//! A finding of the doctor, and how it counts.
+//! Findings of `lookout doctor` and their severity.
 
 use std::string::String;
 

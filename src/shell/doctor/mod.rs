@@ -1,4 +1,4 @@
-//! `lookout doctor`: what stands between the lookout and the autopilot, in words.
+//! `lookout doctor`: examines links, the autopilot's parameters and video sources, and prints findings with remedies.
 
 mod examination;
 mod finding;

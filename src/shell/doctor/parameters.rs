@@ -1,4 +1,4 @@
-//! Which of the autopilot's parameters decide whether it heeds the lookout's messages.
+//! Parameters of the autopilot that decide whether it uses the lookout's messages.
 //!
 //! Sources: ArduPilot `AP_ADSB`, `AP_Avoidance`, `AP_Proximity`, `AC_Avoid`, PX4 `CollisionPrevention`, `navigator` and
 //! the parameter references of both, <https://ardupilot.org/copter/docs/parameters.html> and
@@ -134,8 +134,8 @@ static ARDUPILOT: [Check; 10] = [
         purpose: Purpose::Proximity,
         always: false,
         meaning: |value| match bits(value) & 2 {
-            0 => (Mark::Missing, "Loiter and AltHold do not heed proximity; add 2 to it"),
-            _ => (Mark::Good, "Loiter and AltHold heed proximity"),
+            0 => (Mark::Missing, "Loiter and AltHold do not use proximity; add 2 to it"),
+            _ => (Mark::Good, "Loiter and AltHold use proximity"),
         },
     },
     Check {

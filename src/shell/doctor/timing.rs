@@ -1,4 +1,4 @@
-//! How often messages come, and how well the autopilot's clock is known.
+//! Rates of messages, and the error of the autopilot's clock.
 
 use super::finding::{Finding, Mark};
 use crate::mavlink::dialect::TIMESYNC_DATA;

@@ -1,4 +1,4 @@
-//! The detector on one clip, and everything measured on the way.
+//! Runs the detector on one clip and measures it.
 
 use super::contrast::texture;
 use super::matching::{Found, WARMUP, must_be_found, rect};

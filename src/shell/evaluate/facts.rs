@@ -1,4 +1,4 @@
-//! Facts of clips that labels do not hold: frame rate, kind of encounter, agitation of the camera, things that move on the ground.
+//! Properties of clips that labels do not hold: frame rate, kind of encounter, agitation of the camera, movers on the ground.
 
 use crate::shell::error::Error;
 use crate::shell::formats::clips::Clip;

@@ -1,8 +1,8 @@
 //! Matching of detections to ground truth: true positives, false positives, or ignored, by the rules of the project's independent
 //! scorer (`score.py`).
 //!
-//! Within a frame the surest detection chooses first: it takes the free target with the largest intersection over union, if that
-//! reaches the threshold. Birds, targets cut by the frame's edge and targets too small are ignored: a detection with half of its area
+//! Within a frame detections are matched greedily in the order of their scores: each to the free target with the largest intersection
+//! over union, if that reaches the threshold. Birds, targets cut by the frame's edge and targets too small are ignored: a detection with half of its area
 //! on one counts neither way.
 
 use super::ranking::{Outcome, surest_first};

@@ -1,4 +1,4 @@
-//! The thread that takes frames, and opens the source again when it is gone.
+//! Capture thread: takes frames, reopens the source when it fails.
 
 use super::config::Config;
 use super::mailbox::{Mailbox, Pool};

@@ -1,4 +1,4 @@
-//! Faults of settings that only the machine shows: files, folders and devices that they name.
+//! Checks of the files, folders and devices that the settings name.
 
 use super::config::Config;
 use super::source_setting::SourceSetting;

@@ -1,7 +1,7 @@
-//! The log of a service: lines go to standard error by a thread of their own.
+//! Log of the service: a thread of its own writes lines to standard error.
 //!
-//! Whatever becomes of standard error (a full disk, a reader that left or that stopped reading), nothing waits for it and
-//! nothing fails: lines that find no room are lost and counted.
+//! If standard error blocks or fails (a full disk, a reader that left or stopped reading), nothing waits and nothing fails:
+//! lines that find no room are dropped and counted.
 
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 use std::io::{self, Write};

@@ -1,4 +1,4 @@
-//! Room for one frame: the newest one waits, an older one gives way and is counted.
+//! A slot for the newest frame: an older one that was not taken is replaced and counted as dropped.
 
 use crate::shell::sources::Frame;
 use std::sync::atomic::{AtomicU32, Ordering};

@@ -1,6 +1,6 @@
-//! Outputs that are not needed to watch: event log, recording, page.
+//! Secondary outputs: event log, recording, page.
 //!
-//! None of them keeps the lookout from starting or from watching: one that cannot be opened is logged and tried again.
+//! Their failures never stop detection: an output that cannot be opened is logged and tried again.
 
 use super::capture::Camera;
 use super::config::Config;

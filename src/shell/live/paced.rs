@@ -1,4 +1,4 @@
-//! A recorded or simulated flight as if it were flown now.
+//! A recorded or simulated flight as a live source, at its own frame rate.
 
 use super::live_source::{LiveError, LiveSource, Taken};
 use crate::mavlink::component::Trust;

@@ -1,10 +1,10 @@
-//! The last minutes as the detector saw them, for `lookout replay`: segments of a minute, of which the oldest give way.
+//! Recording of the last minutes for `lookout replay`, in segments of a minute, the oldest of which are removed.
 //!
-//! A segment is a folder: `frames/` with the pictures and their times, `telemetry.tlog` with all that was heard and said,
-//! `detections.jsonl` with what was found and followed, `parameters.txt`, `camera.json` where the source knows its camera,
-//! and `replay.txt` with the command that finds the same. The detector remembers the frames before: a later segment begins
-//! with the last ones of the segment before it, for which no detections are printed. Detections come out the same bit for bit; tracks
-//! too, but made anew in each segment, and with a vehicle's telemetry only nearly: a replay hears that by its own times.
+//! A segment is a folder: `frames/` with the pictures and their times, `telemetry.tlog` with all messages received and sent,
+//! `detections.jsonl` with detections and tracks, `parameters.txt`, `camera.json` where the source has a calibration,
+//! and `replay.txt` with the command that replays it. Detections depend on the frames before: a later segment begins with
+//! the last ones of the segment before it, for which no detections are printed. Detections are the same bit for bit; tracks
+//! too, but they start anew in each segment, and with a vehicle's telemetry only nearly: a replay receives it by its own times.
 
 use super::config::Config;
 use super::ring::{self, Ring};

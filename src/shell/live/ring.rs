@@ -1,6 +1,6 @@
-//! A folder of numbered folders of limited size, of which the oldest give way: logs and recordings.
+//! A folder of numbered folders of limited total size, the oldest of which are removed: logs and recordings.
 //!
-//! Only folders that carry the ring's own mark are ever taken away; others, whatever their name, are left alone.
+//! Only folders that carry the ring's own mark are ever removed.
 
 use crate::shell::support::lock;
 use std::collections::VecDeque;

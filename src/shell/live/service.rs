@@ -1,4 +1,4 @@
-//! The loop of a live lookout: frames looked at and messages heard come in, messages go out.
+//! Main loop of `lookout run`: detections and received messages in, messages out.
 //!
 //! Three threads share the work: capture, detector, and this one, which tracks, assesses threats and sends messages. It
 //! waits for neither of them, nor for a link or a disk, which have threads of their own.

@@ -1,4 +1,4 @@
-//! Where a live lookout's frames come from.
+//! Opens the live source that the settings name.
 
 use super::config::Config;
 pub use super::live_source::{LiveError, LiveSource, Taken};

@@ -1,4 +1,4 @@
-//! The detector thread: takes the newest frame, gives its detections.
+//! Detector thread: takes the newest frame and sends its detections to the main loop.
 
 use super::image_health::Sight;
 use super::mailbox::Mailbox;

@@ -1,4 +1,4 @@
-//! A thread that writes items handed over by the main loop: a slow disk loses items, never frames of the detector.
+//! A thread that writes items of the main loop: on a slow disk items are dropped, never frames of the detector.
 
 use crossbeam_channel::{Sender, TrySendError, bounded};
 use std::io;

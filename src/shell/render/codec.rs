@@ -53,7 +53,7 @@ impl Codec {
         }
     }
 
-    /// Does nothing from now on; returns the quantisation parameter of H.264 with this step, 12 to 40.
+    /// Switches the codec off; returns the quantisation parameter of H.264 with this step, 12 to 40.
     pub(super) fn switch_off(&mut self) -> u32 {
         let step = self.step.take().unwrap_or(1.0);
         // Steps grow by 2^(1/6) from 1 at 4.

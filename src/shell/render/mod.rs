@@ -1,5 +1,5 @@
-//! Rendered flights: photographs and panoramas as backgrounds with depth, a camera that flies before them, and objects
-//! cut out of recordings or turned solid models in the air.
+//! Rendered flights: photographs and panoramas as backgrounds with depth, a moving camera, and flying objects cut out of
+//! recordings or rendered from solid models.
 //!
 //! In: [`Assets`] (a folder of pictures, splits of clips to cut objects out of, OBJ models) and [`Settings`] (ranges that
 //! every flight draws its own values from). Out: [`Flight`], which yields grey frames with [`FrameTruth`], the same bytes

@@ -1,4 +1,4 @@
-//! Small pictures of everyday things, painted from ellipses and bars.
+//! Small pictures of people, vehicles and the like, painted from ellipses and bars.
 
 use super::cutout::Cutout;
 use super::picture::Picture;

@@ -1,4 +1,4 @@
-//! Where a texture's points are in the world, and where a ray meets the textured surface.
+//! Projections of a texture: texture coordinates to points of the world, and rays to texture coordinates.
 
 use crate::shell::support::vectors::{Rotation, Vector, atan2, dot, sin_cos};
 

@@ -1,4 +1,4 @@
-//! How a multirotor sways: the camera's attitude and path as sums of slow waves.
+//! Sway of a multirotor: the camera's attitude and path as sums of slow waves.
 
 use crate::shell::render::Sway;
 use crate::shell::support::random::Random;

@@ -1,4 +1,4 @@
-//! Where the camera and the target fly.
+//! Courses of the camera and the target.
 
 use super::attitude::Camera;
 use super::shapes::Shape;

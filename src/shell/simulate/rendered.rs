@@ -1,4 +1,4 @@
-//! `lookout simulate --backgrounds`: flights before given pictures as files, in the form of the recorded ones.
+//! `lookout simulate --backgrounds`: flights over given photographs as files, in the form of the recorded ones.
 
 use super::SimulateSettings;
 use super::files::{
@@ -25,11 +25,11 @@ const SHEET_FLIGHTS: u64 = 40;
 /// Frame pixels for one of the contact sheet, each way.
 const SHRINK: usize = 2;
 
-/// Flights before given pictures.
+/// Options of flights over given photographs.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Flights before pictures")]
 pub struct RenderArgs {
-    /// Photographs and panoramas (2:1) to fly before, JPEG or PNG, in any folders below; index.csv may give their kinds
+    /// Photographs and panoramas (2:1) for backgrounds, JPEG or PNG, in any folders below; index.csv may give their kinds
     #[arg(long, value_name = "DIR")]
     pub backgrounds: Option<PathBuf>,
     /// Clips with ground truth to cut targets and birds out of; can be given several times
@@ -44,7 +44,7 @@ pub struct RenderArgs {
     /// Number of flights
     #[arg(long, value_name = "N", default_value_t = 1, requires = "backgrounds", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub flights: u64,
-    /// Flights without targets: whatever is reported, but birds, is a false alarm
+    /// Flights without targets: every detection except of birds is a false alarm
     #[arg(long, requires = "backgrounds")]
     pub empty: bool,
     /// frames/ of PNG pictures, the same bytes on every machine, instead of video.mp4 (H.264 by ffmpeg)
@@ -215,7 +215,7 @@ fn truth_lines(frame: u64, fps: u32, truth: &FrameTruth) -> String {
     truth.targets.iter().map(line).collect()
 }
 
-/// A frame of the contact sheet: shrunk, with boxes; targets red, birds yellow, what need not be found blue.
+/// A frame of the contact sheet: reduced, with boxes; targets red, birds yellow, ignored objects blue.
 fn small(frame: &Frame, truth: &FrameTruth) -> RgbImage {
     let (width, height) = (frame.width / SHRINK, frame.height / SHRINK);
     let grey = |x: usize, y: usize| {
@@ -250,7 +250,7 @@ fn small(frame: &Frame, truth: &FrameTruth) -> RgbImage {
     picture
 }
 
-/// Where the frames of a flight go.
+/// Output of a flight's frames.
 enum Output {
     Pictures(PathBuf),
     Video(Encoder),

@@ -1,4 +1,4 @@
-//! Which flight to simulate.
+//! Settings of a simulated flight.
 
 use std::borrow::ToOwned;
 use std::string::String;
@@ -14,12 +14,12 @@ pub enum Kind {
     Collision,
     /// Flies away from the camera.
     Receding,
-    /// Is not there: whatever is reported is a false alarm.
+    /// No other aircraft: every detection is a false alarm.
     None,
 }
 
 impl Kind {
-    /// The word for it in `camera.json` and on the command line.
+    /// Its name in `camera.json` and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Crossing => "crossing",
@@ -31,10 +31,10 @@ impl Kind {
     }
 }
 
-/// Which flight to simulate.
+/// Settings of a simulated flight.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub struct SimulateSettings {
-    /// Another number is another flight; the same number the same bytes
+    /// Seed; the same seed gives the same bytes
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub seed: u64,
     /// Length of the flight in seconds
@@ -61,13 +61,13 @@ impl Default for SimulateSettings {
 }
 
 impl SimulateSettings {
-    /// How many frames the flight has; at least one.
+    /// Number of frames; at least one.
     pub fn frames(&self) -> u64 {
         // Rounded by hand: a cast drops the fraction and is 0 for what is no number.
         ((self.seconds * f64::from(self.fps) + 0.5) as u64).max(1)
     }
 
-    /// These settings with every number within what the simulator can do.
+    /// These settings clamped to the simulator's limits.
     pub(super) fn limited(&self) -> Self {
         Self {
             width: self.width.clamp(16, 4096),

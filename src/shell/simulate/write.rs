@@ -14,7 +14,7 @@ use std::string::String;
 use std::vec::Vec;
 
 /// Renders a flight through a procedural world: frames/, gt.txt, truth.csv, camera.json as in the recorded ones, and
-/// flight.tlog, the vehicle's telemetry. With --backgrounds, flights before photographs of your own, for training
+/// flight.tlog, the vehicle's telemetry. With --backgrounds, flights over photographs of your own, for training
 #[derive(Debug, Clone, clap::Args)]
 #[command(mut_arg("kind", |kind| kind.conflicts_with("backgrounds")))]
 pub struct SimulateArgs {
@@ -24,12 +24,12 @@ pub struct SimulateArgs {
     /// Length, size and seed
     #[command(flatten)]
     pub settings: SimulateSettings,
-    /// Flights before pictures
+    /// Flights over photographs
     #[command(flatten)]
     pub render: RenderArgs,
 }
 
-/// Renders the flight and writes it frame by frame; what is written stays complete up to an error.
+/// Renders the flight and writes it frame by frame; after an error the frames before it are complete.
 ///
 /// # Errors
 /// [`SimulateError`] when the folder holds something already or cannot be written.

@@ -1,8 +1,8 @@
 //! Adapting a model to other footage: more trees for its classifier of st-cubes.
 //!
 //! The scan, the shift regressors, the boxes and their fit stay, and so do the trees of the classifier: boosting goes on
-//! from their scores on the st-cubes of the new clips. So a few clips add what the model lacks there, such as the
-//! false alarms of one camera, and cannot make it forget what they do not show.
+//! from their scores on the st-cubes of the new clips. A few clips then add
+//! negatives such as one camera's false alarms, without retraining the other parts.
 
 use super::TrainError;
 use super::boost::{Booster, Data, Loss, Options, TrainedForest};

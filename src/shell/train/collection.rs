@@ -1,4 +1,4 @@
-//! The clips of all folders, and copies of some with objects pasted in.
+//! All training clips, and copies of some with objects pasted in.
 
 use super::footage::{Footage, is_held_back, read};
 use super::listing::{self, Kind};

@@ -1,4 +1,4 @@
-//! Boxes around every target that are wrong by some measure, and the windows stretched to them.
+//! Training rows of the box refinement: boxes around every target with random errors, and the windows stretched to them.
 
 use super::cubes::Row;
 use super::labels::{Offset, Truth, truths};

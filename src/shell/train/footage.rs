@@ -1,4 +1,4 @@
-//! The clips that are learned from: sampled frames, ground truth, pasted objects. Frames stay in their files.
+//! Training clips: sampled frames, ground truth, pasted objects. Frames stay in their files.
 
 use super::TrainArgs;
 use super::listing::Kind;

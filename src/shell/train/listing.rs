@@ -1,4 +1,4 @@
-//! The folders of clips that are learned from.
+//! Folders of training clips.
 
 use super::{TrainArgs, TrainError};
 use crate::shell::error::Error;

@@ -1,4 +1,4 @@
-//! Changed looks of recorded frames, so that few scenes teach more: mirrored, smaller, of other contrast.
+//! Augmentation of recorded frames: mirrored, smaller, of other contrast.
 
 use crate::image::pyramid;
 use crate::shell::formats::clips::TruthBox;

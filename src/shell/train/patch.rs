@@ -1,4 +1,4 @@
-//! The pixels that pasting changes of a frame, as runs.
+//! Pixels of a frame that pasting changes, as runs.
 
 use std::vec::Vec;
 

@@ -1,4 +1,4 @@
-//! Random features for the boosting to choose from.
+//! Pools of random features for boosting.
 
 use crate::boxes::NEWEST_CHANNELS;
 use crate::channels::window::{SLICES, WINDOW};

@@ -1,4 +1,4 @@
-//! Rendered flights to learn from: clips in the folder `OUT.flights`.
+//! Rendered flights for training: clips in the folder `OUT.flights`.
 
 use super::footage::is_held_back;
 use super::paste::Turning;

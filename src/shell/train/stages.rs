@@ -1,4 +1,4 @@
-//! The stages of training, each from the parts before it.
+//! Stages of training, each on the model of the stages before it.
 
 use super::boost::{Bagging, Data, Loss, Options, Samples, TrainedForest, reject_thresholds};
 use super::collection;

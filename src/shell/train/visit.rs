@@ -1,4 +1,4 @@
-//! The sampled frames of all clips, shown one after the other with the front end's state after each.
+//! Visits the sampled frames of all clips with the front end's channels after each.
 
 use super::footage::Footage;
 use super::look::Look;

@@ -1,4 +1,4 @@
-//! Flights on a collision course alone: there the target hardly moves in the picture.
+//! Evaluation of flights on a collision course, where the target hardly moves in the picture.
 
 use super::breakdown::ClipTruth;
 use super::matched::{IOUS, MethodMatches, hours};

@@ -1,4 +1,4 @@
-//! Curves with no more points than can be seen.
+//! Simplification of curves to a plot's resolution.
 
 use crate::shell::evaluate::ranking::{Point, Ranking, envelope};
 use std::vec::Vec;

@@ -1,5 +1,4 @@
-//! Sections of the page about use: what the model promises, what it reports where nothing flies, how far it sees, how well it
-//! registers.
+//! Sections of the page about use: reliability, false reports, range of detection, registration.
 
 use super::elements::{figure, length, number, table};
 use super::figures::{Figures, IOUS, LOOSE};

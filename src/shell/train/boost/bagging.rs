@@ -1,7 +1,7 @@
-//! Random forests (Breiman 2001): trees that know nothing of each other.
+//! Random forests (Breiman 2001).
 //!
-//! Each tree learns from as many rows as there are, drawn with replacement, and each of its nodes may ask only some of
-//! the features. A leaf says how sure it is, as log-odds; the forest's score is the mean of its trees.
+//! Each tree learns from a bootstrap sample of the rows, and each of its nodes chooses among a random subset of the
+//! features. A leaf holds log-odds; the forest's score is the mean of its trees.
 
 use super::grow::{Limits, Row, grow};
 use super::{

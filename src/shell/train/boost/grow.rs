@@ -19,14 +19,14 @@ pub(super) struct Limits {
     pub min_hessian: f64,
     pub min_rows: u32,
     pub min_gain: f64,
-    /// Share of the features that each node may ask, drawn anew for it; 1 for all.
+    /// Share of the features that each node may use, drawn anew for it; 1 for all.
     pub node_features: f64,
     /// Seed of that draw.
     pub seed: u64,
 }
 
 impl Limits {
-    /// Whether node `number` (in heap order) may ask `feature`.
+    /// Whether node `number` (in heap order) may use `feature`.
     fn may_ask(&self, number: usize, feature: u16) -> bool {
         let key = (number as u64) << 16 | u64::from(feature);
         SplitMix64::of(self.seed, key).chance(self.node_features)
@@ -49,7 +49,7 @@ pub(super) struct Split {
 }
 
 impl Split {
-    /// A question no bin answers with yes.
+    /// A split that no bin passes.
     pub const LEFT: Self = Self { feature: 0, cut: u8::MAX };
 }
 
@@ -301,7 +301,7 @@ impl Grower<'_> {
     }
 }
 
-/// Grows a tree on `rows` (rising row numbers, hessians not negative), asking `features` only.
+/// Grows a tree on `rows` (rising row numbers, hessians not negative) with `features` only.
 ///
 /// Gives the splits in heap order and each leaf's Newton step.
 pub(super) fn grow(

@@ -401,7 +401,7 @@ impl TrainedForest {
     }
 }
 
-/// A split's question in values.
+/// A split as feature and threshold.
 fn node_of(samples: &Samples, split: Split) -> Node {
     if split == Split::LEFT {
         return Node::LEFT;
@@ -410,7 +410,7 @@ fn node_of(samples: &Samples, split: Split) -> Node {
     Node { feature: split.feature, threshold }
 }
 
-/// A node's question in bins, if its threshold is one of the edges.
+/// A node as a split of bins, if its threshold is one of the edges.
 fn split_at(samples: &Samples, node: Node) -> Option<Split> {
     if node == Node::LEFT {
         return Some(Split::LEFT);

@@ -1,4 +1,4 @@
-//! How to boost.
+//! Parameters of boosting.
 
 use super::{BoostError, Loss, MAX_TREES};
 use crate::trees::MAX_DEPTH;
@@ -24,7 +24,7 @@ pub struct Options {
     pub min_rows: u32,
     /// Least gain of a split, GL² / (HL + λ) + GR² / (HR + λ) - G² / (H + λ).
     pub min_gain: f64,
-    /// Share of the features that each tree may ask, above 0 to 1.
+    /// Share of the features that each tree may use, above 0 to 1.
     pub feature_fraction: f64,
     /// Share of the rows that each tree learns from, above 0 to 1.
     pub row_fraction: f64,

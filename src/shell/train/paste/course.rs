@@ -1,4 +1,4 @@
-//! Where a pasted object is: encounters as they happen in flight, drawn at random.
+//! Course of a pasted object: random encounters.
 
 use crate::shell::support::random::Random;
 use core::f64::consts::TAU;

@@ -1,4 +1,4 @@
-//! How a camera was turned while it recorded a flight: where it saw a direction of the world.
+//! Attitude of the camera during a recorded flight: directions of the world to pixels.
 
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::CameraFile;

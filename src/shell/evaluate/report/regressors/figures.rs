@@ -1,4 +1,4 @@
-//! The trials in numbers.
+//! Error figures of the trials.
 
 use super::super::breakdown::{group_of, quartiles, range_names};
 use super::trials::{SEED, Trial, Vector, WAYS};

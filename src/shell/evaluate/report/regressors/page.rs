@@ -1,4 +1,4 @@
-//! The trials on the page.
+//! The page's section about the trials.
 
 use super::super::elements::{escape, figure, number, table};
 use super::super::plot::{self, Axis, Line, plot};
