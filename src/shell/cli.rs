@@ -17,7 +17,7 @@ pub struct Cli {
 /// Verbs of the program.
 #[derive(Debug, Clone, Subcommand)]
 pub enum Verb {
-    /// Render a flight: frames, ground truth and what camera and target did
+    /// Render a flight: frames, ground truth, telemetry
     Simulate(super::simulate::SimulateArgs),
     /// Find flying objects in a recorded flight, or in a simulated one
     Replay(replay::ReplayArgs),
@@ -27,14 +27,14 @@ pub enum Verb {
     Eval(evaluate::EvalArgs),
     /// Measure accuracy of detections in files
     Score(evaluate::ScoreArgs),
-    /// Write labels of other forms (YOLO, COCO, MOTChallenge, CVAT, Pascal VOC, AOT) as a folder of clips
+    /// Convert labels (YOLO, COCO, MOTChallenge, CVAT, Pascal VOC, AOT) to a folder of clips
     Import(import::ImportArgs),
     /// Measure speed and memory
     Bench(bench::BenchArgs),
-    /// Tell what is missing between the lookout and the autopilot
+    /// Check links, the autopilot's parameters and video sources
     Doctor(doctor::DoctorArgs),
     /// Read or set the parameters (LK_..) of a running lookout over a link
     Params(params::ParamsArgs),
-    /// Learn a model from a folder of clips with ground truth
+    /// Train a model on folders of clips with ground truth
     Train(train::TrainArgs),
 }

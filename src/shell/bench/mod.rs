@@ -30,13 +30,13 @@ pub struct BenchArgs {
     input: PathBuf,
     #[command(flatten)]
     detector: DetectorArgs,
-    /// Frames to decode into memory before the clock starts
+    /// Frames to decode into memory before the measurement
     #[arg(long, value_name = "N", default_value_t = 150, value_parser = clap::value_parser!(u64).range(1..))]
     frames: u64,
-    /// Times that the detector runs over them
+    /// Passes over these frames
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..))]
     passes: u64,
-    /// Threads to use; 0: one a processor core
+    /// Threads to use; 0: one per processor core
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
     /// Print JSON

@@ -78,7 +78,7 @@ pub struct DoctorArgs {
     /// Link to examine: udpin:HOST:PORT, udpout:.., tcpin:.., tcpout:HOST:PORT or serial:DEVICE:BAUD; may be repeated
     #[arg(long, value_name = "SPEC", required_unless_present_any = ["source", "config"])]
     link: Vec<LinkSpec>,
-    /// How long to listen
+    /// Seconds to listen
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=600))]
     seconds: u32,
     /// Messages that the autopilot must accept; missing settings for other messages are reported, but are no fault

@@ -14,7 +14,7 @@ use std::string::String;
 pub enum Purpose {
     /// Traffic is sent to the autopilot: ADSB_VEHICLE
     Traffic,
-    /// The vehicle keeps off what is near: OBSTACLE_DISTANCE, OBSTACLE_DISTANCE_3D
+    /// Obstacles are sent to the autopilot: OBSTACLE_DISTANCE, OBSTACLE_DISTANCE_3D
     Proximity,
 }
 

@@ -31,7 +31,7 @@ const RAMP: &[u8] = b" .:-=+*#%@";
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Source")]
 pub struct SourceArgs {
-    /// Look at what a source gives: v4l2:DEVICE, rtsp://HOST/PATH, file:PATH; size, rate, jitter and a picture
+    /// Examine a source (v4l2:DEVICE, rtsp://HOST/PATH, file:PATH): size, rate, jitter and a picture
     #[arg(long, value_name = "SOURCE")]
     source: Option<SourceSetting>,
     /// The same for the source in these settings of `lookout run`

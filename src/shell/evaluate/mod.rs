@@ -103,7 +103,7 @@ pub struct SplitArgs {
     /// Print figures of tracks and warnings; directions and times are compared where there are camera.json and truth.csv
     #[arg(long)]
     tracks: bool,
-    /// Follow without the vehicle's attitude, by the pictures' own motion
+    /// Track without the vehicle's attitude, by the background's motion
     #[arg(long, requires = "tracks")]
     no_attitude: bool,
     /// Horizontal field of view in degrees that is assumed for clips without camera.json
@@ -130,7 +130,7 @@ pub struct EvalArgs {
     split: SplitArgs,
     #[command(flatten)]
     detector: DetectorArgs,
-    /// Methods to run beside each other; a report always has ours
+    /// Methods to compare; a report always has ours
     #[arg(long, value_name = "METHOD", value_enum, value_delimiter = ',', default_value = "ours")]
     method: Vec<MethodName>,
     /// Folder with METHOD.lkm for each method but ours, whose model is --model
@@ -141,7 +141,7 @@ pub struct EvalArgs {
     out: Option<PathBuf>,
     #[command(flatten)]
     report: ReportArgs,
-    /// Clips to work on at a time; 0: one a processor core
+    /// Clips to process at a time; 0: one per processor core
     #[arg(long, value_name = "N", default_value_t = 0)]
     jobs: usize,
 }

@@ -20,10 +20,10 @@ pub struct CameraArgs {
     /// Calibration: YAML or JSON of OpenCV, ROS or Kalibr, or camera.json; default: that of the simulated flight, else --fov
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
-    /// Horizontal field of view in degrees where there is no calibration; directions and ranges are rough then
+    /// Horizontal field of view in degrees without a calibration; directions and ranges are then approximate
     #[arg(long, value_name = "DEGREES", default_value_t = 60.0)]
     pub fov: f64,
-    /// How the camera is turned on the vehicle: roll, pitch, yaw in degrees (nose up, to the right); 0,0,0 looks forward
+    /// Mounting of the camera on the vehicle: roll, pitch, yaw in degrees (pitch up, yaw to the right positive); 0,0,0 looks forward
     #[arg(long, value_name = "ROLL,PITCH,YAW", value_delimiter = ',', allow_hyphen_values = true)]
     pub mounting: Vec<f64>,
 }

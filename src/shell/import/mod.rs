@@ -44,7 +44,7 @@ pub struct ImportArgs {
     /// alarm, skip: as if not labelled
     #[arg(long, value_name = "MAP")]
     classes: Option<PathBuf>,
-    /// Frames a second where the data set does not say
+    /// Frames a second if the data set does not specify them
     #[arg(long, value_name = "FPS", value_parser = parse_rate)]
     fps: Option<f64>,
     /// Copy videos and pictures instead of linking them
@@ -55,7 +55,7 @@ pub struct ImportArgs {
 /// Forms of labels that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Form {
-    /// A text a picture with `class x y width height` in shares of the picture (Ultralytics, Darknet)
+    /// A text file per picture with `class x y width height` relative to the picture (Ultralytics, Darknet)
     Yolo,
     /// JSON with images, annotations and categories; with `video_id` and `frame_id` (CocoVID) by video
     Coco,
@@ -63,7 +63,7 @@ pub enum Form {
     Mot,
     /// XML of CVAT for video 1.1 or for images 1.1
     Cvat,
-    /// Pascal VOC: an XML a picture
+    /// Pascal VOC: an XML file per picture
     Voc,
     /// Airborne Object Tracking: ImageSets/groundtruth.json and Images/FLIGHT
     Aot,

@@ -30,7 +30,7 @@ pub enum MethodName {
     Forest,
     /// 3-D HoG of the uncompensated cube (Weinland et al. 2010)
     Hog3d,
-    /// Camera motion removed, thresholded frame difference, blobs; nothing is learned
+    /// Thresholded frame difference after registration, blobs; nothing is learned
     Difference,
 }
 

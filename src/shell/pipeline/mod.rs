@@ -32,16 +32,16 @@ static SHIPPED: &[u8] = include_bytes!("../../../models/lookout.lkm");
 /// Parts of the method to leave out, to see what they are worth.
 #[derive(Debug, Clone, Copy, Default, clap::Args, serde::Serialize)]
 pub struct Ablation {
-    /// Ablation: do not align older frames to the newest one
+    /// Ablation: no registration of older frames
     #[arg(long)]
     pub no_registration: bool,
-    /// Ablation: do not look at temporal differences
+    /// Ablation: no temporal-difference channels
     #[arg(long)]
     pub no_temporal: bool,
-    /// Ablation: let the scan's own score stand
+    /// Ablation: no st-cube stage, keep the scan's score
     #[arg(long)]
     pub no_stcube: bool,
-    /// Ablation: look at each frame for itself, not at what was there a frame ago
+    /// Ablation: no averaging of scores over frames
     #[arg(long)]
     pub no_persistence: bool,
 }
@@ -65,10 +65,10 @@ pub struct DetectorArgs {
     /// Model file (default: the one shipped in this program)
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Report detections of this score or more (default: all; in replay that of precision 0.9, or -1 where the model has no table)
+    /// Least score to report, log-odds (default: all; in replay that of precision 0.9, or -1 if the model has no table)
     #[arg(long, value_name = "SCORE", allow_negative_numbers = true, value_parser = parse_score)]
     pub threshold: Option<i32>,
-    /// Report detections from the score on from which this share of them was right on training clips held back, 0 to 1
+    /// Least score to report, by its precision on training clips held back, 0 to 1
     #[arg(long, value_name = "P", conflicts_with = "threshold", value_parser = parse_precision)]
     pub min_precision: Option<u32>,
     /// Scale frames to this size before detection; results are in pixels of the unscaled frames
@@ -77,10 +77,10 @@ pub struct DetectorArgs {
     /// Parts of the method to leave out.
     #[command(flatten)]
     pub ablation: Ablation,
-    /// Ablation: do not follow detections through the slices by Algorithm 1
+    /// Ablation: do not trace detections through the slices by Algorithm 1
     #[arg(long)]
     pub no_trace: bool,
-    /// Ablation: do not fit boxes by windows that are stretched to them
+    /// Ablation: no box refinement
     #[arg(long)]
     pub no_fit: bool,
 }

@@ -63,10 +63,10 @@ pub struct ReplayArgs {
     /// Print a CRC-64 of all detections
     #[arg(long)]
     digest: bool,
-    /// Threads to use; 1: none beside the main one, 0: one a processor core
+    /// Threads to use; 1: the main thread alone, 0: one per processor core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
-    /// Look at so many frames at the start without telling of them: a detector remembers, and a recording that begins in flight brings the frames before
+    /// Process this many frames at the start without reporting: recordings begin with the frames that later detections depend on
     #[arg(long, value_name = "N", default_value_t = 0)]
     lead: u64,
     #[command(flatten)]

@@ -41,13 +41,13 @@ pub struct TelemetryArgs {
     /// The vehicle's log of the flight: telemetry log (.tlog), ArduPilot's .bin or PX4's .ulg; a simulated flight has its own
     #[arg(long, value_name = "FILE")]
     tlog_in: Option<PathBuf>,
-    /// When the first frame was taken, in seconds after the first message of --tlog-in
+    /// Time of the first frame, seconds after the first message of --tlog-in
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_negative_numbers = true, requires = "tlog_in", value_parser = parse_start)]
     tlog_start: f64,
-    /// Write every message the lookout sends, for MAVExplorer and other readers of telemetry logs
+    /// Write every message sent to a telemetry log
     #[arg(long, value_name = "FILE")]
     tlog_out: Option<PathBuf>,
-    /// Send over this link too, in real time: udpout:HOST:PORT, udpin:.., tcpout:.., tcpin:.. or serial:DEVICE:BAUD; may be repeated
+    /// Send over this link in real time: udpout:HOST:PORT, udpin:.., tcpout:.., tcpin:.. or serial:DEVICE:BAUD; may be repeated
     #[arg(long, value_name = "SPEC")]
     link: Vec<LinkSpec>,
     /// Key for signatures on these links, 64 hexadecimal digits; unsigned commands are then refused. The signing time is kept in FILE.time

@@ -30,11 +30,11 @@ pub enum CubeLoss {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Following {
-    /// The background's motion: an object's own motion shows as change.
+    /// By the background's motion: the object's own motion remains.
     Background,
-    /// The object, by Algorithm 1 of the paper.
+    /// By Algorithm 1 of the paper: the object is centred in every slice.
     Regressors,
-    /// The window's picture, by its optical flow.
+    /// By the optical flow of the window.
     Flow,
 }
 
@@ -51,7 +51,7 @@ impl From<Following> for Alignment {
 /// Command-line arguments of `lookout train`.
 #[derive(Debug, Clone, clap::Args, serde::Serialize)]
 pub struct TrainArgs {
-    /// Folders of clips with ground truth, each weighing the same
+    /// Folders of clips with ground truth, of equal weight
     #[arg(required_unless_present = "empty", value_name = "DATA")]
     pub data: Vec<PathBuf>,
     /// Footage of the user's own camera with nothing in the air: a video, or a folder of videos or of clips. All of it
@@ -66,17 +66,17 @@ pub struct TrainArgs {
     #[arg(long, value_name = "FILE")]
     #[serde(skip)]
     pub card: Option<PathBuf>,
-    /// Train although OUT is a model of these very settings already
+    /// Train even if OUT is a model of the same settings
     #[arg(long)]
     #[serde(skip)]
     pub again: bool,
-    /// Seed of all that is drawn at random
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Frames to learn from, in each folder
+    /// Frames to train on, in each folder
     #[arg(long, default_value_t = 1800)]
     pub samples: usize,
-    /// Only measure again which precision a score of this model stands for, on the clips that were held back from it
+    /// Only measure the calibration (precision by score) of this model again, on the clips held back from it
     #[arg(long, value_name = "MODEL")]
     #[serde(skip)]
     pub calibrate: Option<PathBuf>,
@@ -84,13 +84,13 @@ pub struct TrainArgs {
     /// or other parts, than the model's: train the classifier and boxes on the scan and the shift regressors of this model
     #[arg(long, value_name = "MODEL")]
     pub from: Option<PathBuf>,
-    /// Hold every Nth clip of a folder back, to decide when to stop and to measure precision; 0: none
+    /// Hold back every Nth clip of a folder for early stopping and calibration; 0: none
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub hold_back: usize,
-    /// Learn from frames scaled to this size: for a smaller camera
+    /// Train on frames scaled to this size, for a smaller camera
     #[arg(long, value_name = "WxH")]
     pub frame: Option<FrameSize>,
-    /// Keep of older frames their halves alone, and look at cubes of the newest slice: for small boards
+    /// Keep older frames at half size and use cubes of the newest slice alone, for small boards
     #[arg(long)]
     pub half_history: bool,
     /// Levels of the pyramid for each doubling of the target's size
@@ -102,7 +102,7 @@ pub struct TrainArgs {
     /// Depth of the scan's trees
     #[arg(long, default_value_t = 3)]
     pub scan_depth: u8,
-    /// Part of each step that the scan's trees take: with large steps fewer trees reject a window, for small boards
+    /// Shrinkage of the scan's trees: with larger steps fewer trees reject a window, for small boards
     #[arg(long, default_value_t = 0.1)]
     pub scan_shrinkage: f64,
     /// Share of the held-back targets that the scan's rejection thresholds keep
@@ -123,16 +123,16 @@ pub struct TrainArgs {
     /// Depth of the classifier's trees
     #[arg(long, default_value_t = 4)]
     pub cube_depth: u8,
-    /// Loss of the classifier: gentle AdaBoost as in the paper, or its logistic sister
+    /// Loss of the classifier: gentle AdaBoost as in the paper, or logistic
     #[arg(long, value_enum, default_value_t = CubeLoss::Logistic)]
     pub cube_loss: CubeLoss,
-    /// Features to choose from for cubes
+    /// Size of the random feature pool for cubes
     #[arg(long, default_value_t = 2500)]
     pub features: usize,
     /// Candidates of each frame that cubes are cut for
     #[arg(long, default_value_t = 24)]
     pub candidates: usize,
-    /// Show the frames as they are: not mirrored, not smaller, contrast unchanged
+    /// No augmentation: frames are not mirrored, scaled or changed in contrast
     #[arg(long)]
     pub plain: bool,
     /// Objects of other clips pasted into a copy of each clip whose camera's attitude is known (truth.csv, camera.json)

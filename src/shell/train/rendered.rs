@@ -31,7 +31,7 @@ pub struct RenderArgs {
     /// Flights to render and learn from in addition to DATA; needs --backgrounds. They stay in OUT.flights
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub render: usize,
-    /// Folder of photographs and panoramas to fly before; every folder in it is one scene
+    /// Folder of photographs and panoramas for backgrounds; every folder in it is one scene
     #[arg(long, value_name = "DIR")]
     pub backgrounds: Option<PathBuf>,
     /// Folder of OBJ models of aircraft, shown in addition to objects cut out of DATA

@@ -40,7 +40,7 @@ pub struct ReportArgs {
     /// Write report.html and report.json into this folder
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// Put the detections in FOLDER (CLIP.txt, MOTChallenge) beside the detector's in the report
+    /// Compare the detections in FOLDER (CLIP.txt, MOTChallenge) in the report
     #[arg(long, value_name = "NAME=FOLDER", requires = "report", value_parser = External::parse)]
     external: Vec<External>,
 }
