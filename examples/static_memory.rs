@@ -16,6 +16,8 @@ const CONFIG: Config = match Method::of_header(MODEL) {
     None => panic!("the file is no model"),
 };
 
+const _: () = assert!(CONFIG.check().is_ok());
+
 /// Firmware takes it once from a `static_cell::ConstStaticCell`; a lock does here.
 static MEMORY: Mutex<([u8; CONFIG.bytes_len()], [u16; CONFIG.words_len()])> =
     Mutex::new(([0; CONFIG.bytes_len()], [0; CONFIG.words_len()]));

@@ -6,7 +6,7 @@ use common::golden::{CONFIG, draw};
 use common::{METHOD, keen_model, look, memory, model, trained_with, watch};
 use lookout::detector::{
     Buffers, Config, Detections, Detector, Error, History, MAX_CANDIDATES, MAX_DETECTIONS,
-    MAX_GAP_US,
+    MAX_GAP_US, MAX_SIDE,
 };
 use lookout::image::Image;
 use lookout::model::{Method, Model};
@@ -100,6 +100,19 @@ fn memory_comes_back_and_may_be_dirty() {
     );
     let mut second = Detector::new(&parsed, CONFIG, buffers).unwrap();
     assert_eq!(look(&mut second, CONFIG, 0, 6), expected, "memory of another detector");
+}
+
+#[test]
+fn frames_too_large_for_the_arithmetic_are_refused() {
+    let file = model();
+    let parsed = Model::parse(&file).unwrap();
+    for (width, height) in [(MAX_SIDE + 1, 8), (8, usize::MAX)] {
+        let config = Config { width, height, ..CONFIG };
+        let buffers = Buffers { bytes: &mut [], words: &mut [] };
+        let refused = Detector::new(&parsed, config, buffers).map(drop);
+        assert_eq!(refused, Err(Error::UnsupportedSize { width, height }));
+    }
+    assert_eq!(Config { width: MAX_SIDE, height: 1, ..CONFIG }.check(), Ok(()));
 }
 
 #[test]

@@ -13,6 +13,8 @@ use crate::image::pyramid;
 use crate::registration::warp;
 use crate::registration::{self, LEVELS, Motion};
 
+pub use crate::registration::Error;
+
 /// Longest temporal lag of any channel, in frames. A st-cube depends on [`SLICES`] - 1 frames more, those of its oldest
 /// slice.
 pub const REACH: usize = FARTHEST;
@@ -29,36 +31,6 @@ pub struct Slices<'a> {
     /// Frame pixels of a pixel of the level, Q16.
     pub scale: u32,
 }
-
-/// Why a front end cannot be made, or cannot take a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Error {
-    /// The memory has fewer bytes than [`FrontEnd::bytes_len`].
-    BufferTooSmall {
-        /// Bytes needed.
-        needed: usize,
-    },
-    /// A frame has another size than the levels are laid out for.
-    FrameSize {
-        /// Width of the frame in pixels.
-        width: usize,
-        /// Height of the frame in pixels.
-        height: usize,
-    },
-}
-
-impl core::fmt::Display for Error {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::BufferTooSmall { needed } => write!(f, "the front end needs {needed} bytes"),
-            Self::FrameSize { width, height } => {
-                write!(f, "the frame is {width}x{height}, the front end was made for another size")
-            }
-        }
-    }
-}
-
-impl core::error::Error for Error {}
 
 /// Frames in, channels out. Owns its memory while it lives.
 ///

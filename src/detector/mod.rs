@@ -43,6 +43,9 @@ const DETECTION_OVERLAP: u8 = 64;
 /// searched up to its own size.
 pub const TARGETS: (usize, usize) = (10, 240);
 
+/// Largest width and height of a frame, pixels. Keeps [`Config::bytes_len`] within a `usize`.
+pub const MAX_SIDE: usize = if usize::BITS < 64 { 4096 } else { 16_384 };
+
 /// Longest time between two frames of one history, microseconds: [`Detector::process`].
 pub const MAX_GAP_US: i64 = 1_000_000;
 
@@ -108,6 +111,18 @@ impl Config {
         }
     }
 
+    /// Whether a detector can be made: usable in constants, `const _: () = assert!(CONFIG.check().is_ok())`.
+    ///
+    /// # Errors
+    /// [`Error::UnsupportedSize`] for frames of more than [`MAX_SIDE`] pixels a side.
+    pub const fn check(&self) -> Result<(), Error> {
+        let Self { width, height, .. } = *self;
+        if width > MAX_SIDE || height > MAX_SIDE {
+            return Err(Error::UnsupportedSize { width, height });
+        }
+        Ok(())
+    }
+
     /// Bytes that [`Buffers::bytes`] must have.
     pub const fn bytes_len(&self) -> usize {
         let geometry = self.geometry();
@@ -136,8 +151,9 @@ impl Config {
     /// channels.
     ///
     /// # Errors
-    /// [`Error::BufferTooSmall`] with the number of bytes needed.
+    /// [`Error::UnsupportedSize`]; [`Error::BufferTooSmall`] with the number of bytes needed.
     pub fn front_end<'b>(&self, bytes: &'b mut [u8]) -> Result<FrontEnd<'b>, Error> {
+        self.check()?;
         let needed = self.bytes_len();
         if bytes.len() < needed {
             return Err(Error::BufferTooSmall { needed });
@@ -163,6 +179,13 @@ pub enum Error {
         /// Elements needed.
         needed: usize,
     },
+    /// The configuration has larger frames than [`MAX_SIDE`].
+    UnsupportedSize {
+        /// Width of the frames in pixels.
+        width: usize,
+        /// Height of the frames in pixels.
+        height: usize,
+    },
     /// The model was not trained for the configuration: [`Method::allows`] is false, or the configuration aligns slices
     /// by optical flow in a build without `std`. Make the configuration by [`Config::for_model`].
     ModelMismatch,
@@ -179,6 +202,10 @@ impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::BufferTooSmall { needed } => write!(f, "a buffer needs {needed} elements"),
+            Self::UnsupportedSize { width, height } => write!(
+                f,
+                "frames of {width}x{height} are not supported, at most {MAX_SIDE} pixels a side"
+            ),
             Self::ModelMismatch => f.write_str(
                 "the model was not trained for this configuration, make it by Config::for_model",
             ),
@@ -307,7 +334,7 @@ impl<'m, 'b> Detector<'m, 'b> {
     /// A detector that has seen no frame yet.
     ///
     /// # Errors
-    /// [`Error::ModelMismatch`]; [`Error::BufferTooSmall`] with the number of elements needed.
+    /// [`Error::ModelMismatch`]; [`Error::UnsupportedSize`]; [`Error::BufferTooSmall`] with the number of elements needed.
     pub fn new(model: &Model<'m>, config: Config, buffers: Buffers<'b>) -> Result<Self, Error> {
         let linked = cfg!(feature = "std") || !matches!(config.method.alignment, Alignment::Flow);
         if !linked || !model.method().allows(&config.method) {

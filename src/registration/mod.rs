@@ -49,54 +49,118 @@ const MAX_SHIFT: i32 = 512 << 8;
 /// The corners of a frame that could be tracked.
 type Samples = heapless::Vec<Sample, MAX_SAMPLES>;
 
-/// Measures the motion of the background from frame to frame, in the caller's memory.
+/// Why frames cannot be processed in given memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Error {
+    /// The memory has too few bytes.
+    BufferTooSmall {
+        /// Bytes needed.
+        needed: usize,
+    },
+    /// A frame has another size than those before.
+    FrameSize {
+        /// Width of the frame in pixels.
+        width: usize,
+        /// Height of the frame in pixels.
+        height: usize,
+    },
+}
+
+impl core::fmt::Display for Error {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::BufferTooSmall { needed } => write!(f, "a buffer needs {needed} bytes"),
+            Self::FrameSize { width, height } => {
+                write!(f, "the frame is {width}x{height}, memory was given for another size")
+            }
+        }
+    }
+}
+
+impl core::error::Error for Error {}
+
+/// Bytes that [`Registration`] needs for frames of this size.
+pub const fn buffer_len(width: usize, height: usize) -> usize {
+    2 * pyramid_len(width, height)
+}
+
+const fn pyramid_len(width: usize, height: usize) -> usize {
+    let (mut len, mut level) = (0, 1);
+    while level <= LEVELS {
+        len += (width >> level) * (height >> level);
+        level += 1;
+    }
+    len
+}
+
+/// Measures the motion of the background from frame to frame, in memory of its own.
+///
+/// ```
+/// use lookout::image::Image;
+/// use lookout::registration::{Registration, buffer_len};
+///
+/// let mut registration = Registration::new(160, 120, vec![0; buffer_len(160, 120)])?;
+/// // A texture that moves two pixels to the left: each point was further right in the frame before.
+/// for frame in 0..2 {
+///     let grey = |n: usize| {
+///         let (x, y) = ((n % 160 + 2 * frame) as f64, (n / 160) as f64);
+///         (128.0 + 60.0 * (x / 5.0).sin() * (y / 6.0).cos() + 40.0 * (x / 13.0 + y / 9.0).sin()) as u8
+///     };
+///     let pixels: Vec<u8> = (0..160 * 120).map(grey).collect();
+///     let motion = registration.register(Image::packed(&pixels, 160, 120)?)?;
+///     assert_eq!(motion.is_valid(), frame > 0);
+///     if motion.is_valid() {
+///         // In Q8, to a quarter of a pixel.
+///         let (x, y) = motion.map(80 << 8, 60 << 8);
+///         assert!((x - (82 << 8)).abs() < 64 && (y - (60 << 8)).abs() < 64);
+///     }
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone)]
-pub struct Registration {
+pub struct Registration<B> {
     width: usize,
     height: usize,
     /// Whether the last frame's pyramid is in the buffer.
     primed: bool,
     /// Whether the last frame's pyramid is in the second half of the buffer.
     swapped: bool,
+    buffer: B,
 }
 
-impl Registration {
-    /// Bytes of the buffer for frames of this size.
-    pub const fn buffer_len(width: usize, height: usize) -> usize {
-        2 * Self::pyramid_len(width, height)
-    }
-
-    const fn pyramid_len(width: usize, height: usize) -> usize {
-        let (mut len, mut level) = (0, 1);
-        while level <= LEVELS {
-            len += (width >> level) * (height >> level);
-            level += 1;
-        }
-        len
-    }
-
+impl<B: AsMut<[u8]>> Registration<B> {
     /// For frames of this size; no frame seen yet.
-    pub const fn new(width: usize, height: usize) -> Self {
-        Self { width, height, primed: false, swapped: false }
+    ///
+    /// # Errors
+    /// [`Error::BufferTooSmall`] if the buffer has fewer bytes than [`buffer_len`].
+    pub fn new(width: usize, height: usize, mut buffer: B) -> Result<Self, Error> {
+        let needed = buffer_len(width, height);
+        if buffer.as_mut().len() < needed {
+            return Err(Error::BufferTooSmall { needed });
+        }
+        Ok(Self { width, height, primed: false, swapped: false, buffer })
     }
 
     /// The motion that leads from `frame` back to the frame of the last call; not valid for the first frame and where
-    /// the pictures give nothing to hold on to. `buffer` must be that of the last call.
+    /// the pictures have too few corners.
     ///
-    /// Panics if the frame has another size than given to [`Registration::new`] or the buffer fewer bytes than
-    /// [`Registration::buffer_len`].
-    pub fn register(&mut self, frame: Image<'_>, buffer: &mut [u8]) -> Motion {
-        assert_eq!((frame.width(), frame.height()), (self.width, self.height), "size of the frame");
-        let len = Self::pyramid_len(self.width, self.height);
-        let (first, second) = buffer[..2 * len].split_at_mut(len);
+    /// # Errors
+    /// [`Error::FrameSize`] if the frame has another size; it is not taken then.
+    pub fn register(&mut self, frame: Image<'_>) -> Result<Motion, Error> {
+        let (width, height) = (frame.width(), frame.height());
+        if (width, height) != (self.width, self.height) {
+            return Err(Error::FrameSize { width, height });
+        }
+        let len = pyramid_len(width, height);
+        let (first, second) = self.buffer.as_mut()[..2 * len].split_at_mut(len);
         let (new, old) = if self.swapped { (first, second) } else { (second, first) };
         let new = build(frame, new);
         self.swapped = !self.swapped;
         if !core::mem::replace(&mut self.primed, true) {
-            return Motion::IDENTITY;
+            return Ok(Motion::IDENTITY);
         }
-        let old = levels(self.width, self.height, old);
-        measure((self.width, self.height), Search::Dense, &new, &old)
+        let old = levels(width, height, old);
+        Ok(measure((width, height), Search::Dense, &new, &old))
     }
 }
 
@@ -215,11 +279,11 @@ mod tests {
 
     /// Registers two frames of a size, the older first.
     fn register(w: usize, h: usize, older: &[u8], newer: &[u8]) -> Motion {
-        let mut buffer = vec![0xa5; Registration::buffer_len(w, h)];
-        let mut registration = Registration::new(w, h);
+        let buffer = vec![0xa5; buffer_len(w, h)];
+        let mut registration = Registration::new(w, h, buffer).unwrap();
         let view = |pixels| Image::packed(pixels, w, h).unwrap();
-        assert_eq!(registration.register(view(older), &mut buffer), Motion::IDENTITY);
-        registration.register(view(newer), &mut buffer)
+        assert_eq!(registration.register(view(older)).unwrap(), Motion::IDENTITY);
+        registration.register(view(newer)).unwrap()
     }
 
     /// Where a camera of focal length 560 px that has turned by these angles (radians) saw a point before.
@@ -263,12 +327,12 @@ mod tests {
     }
 
     #[test]
-    fn few_corners_tell_nearly_as_much() {
+    fn few_corners_are_nearly_as_accurate() {
         let (w, h) = (320, 240);
         let truth = turned(w, h, [0.01, -0.008, 0.02]);
         let older = render(w, h, texture);
         let newer = render(w, h, |x, y| texture(truth(x, y).0, truth(x, y).1));
-        let mut buffers = [(); 2].map(|_| vec![0; Registration::pyramid_len(w, h)]);
+        let mut buffers = [(); 2].map(|_| vec![0; pyramid_len(w, h)]);
         let [old, new] = &mut buffers;
         let old = build(Image::packed(&older, w, h).unwrap(), old);
         let new = build(Image::packed(&newer, w, h).unwrap(), new);
@@ -342,10 +406,10 @@ mod tests {
         let packed: Vec<u8> = (0..101).flat_map(|y| view(200).row(y).to_vec()).collect();
         let frames = [Image::packed(&packed, 141, 101).unwrap(), view(200)];
         for (result, frame) in results.iter_mut().zip(frames) {
-            let mut buffer = vec![0; Registration::buffer_len(141, 101)];
-            let mut registration = Registration::new(141, 101);
-            registration.register(view(199), &mut buffer);
-            *result = registration.register(frame, &mut buffer);
+            let buffer = vec![0; buffer_len(141, 101)];
+            let mut registration = Registration::new(141, 101, buffer).unwrap();
+            let _ = registration.register(view(199)).unwrap();
+            *result = registration.register(frame).unwrap();
         }
         assert_eq!(results[0], results[1]);
     }
@@ -358,12 +422,29 @@ mod tests {
                 state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
                 (state >> 56) as u8
             }).collect());
-            let mut buffer = vec![0; Registration::buffer_len(w, h)];
-            let mut registration = Registration::new(w, h);
+            let buffer = vec![0; buffer_len(w, h)];
+            let mut registration = Registration::new(w, h, buffer).unwrap();
             for frame in &frames {
-                let motion = registration.register(Image::packed(frame, w, h).unwrap(), &mut buffer);
+                let motion = registration.register(Image::packed(frame, w, h).unwrap()).unwrap();
                 let _ = (motion.map(i32::MAX, i32::MIN), motion.map(0, 0));
             }
         }
+    }
+
+    #[test]
+    fn memory_and_frames_of_another_size_are_refused() {
+        let needed = buffer_len(64, 48);
+        let refused = Registration::new(64, 48, vec![0; needed - 1]).map(drop);
+        assert_eq!(refused, Err(Error::BufferTooSmall { needed }));
+        let (first, second) = (render(64, 48, texture), render(64, 48, |x, y| texture(x + 2.0, y)));
+        let [first, second] =
+            [&first, &second].map(|pixels| Image::packed(pixels, 64, 48).unwrap());
+        let mut registration = Registration::new(64, 48, vec![0; needed]).unwrap();
+        let motions = [first, second].map(|frame| registration.register(frame).unwrap());
+        let mut again = Registration::new(64, 48, vec![0; needed]).unwrap();
+        assert_eq!(again.register(first), Ok(motions[0]));
+        let error = Error::FrameSize { width: 48, height: 64 };
+        assert_eq!(again.register(Image::packed(&[0; 48 * 64], 48, 64).unwrap()), Err(error));
+        assert_eq!(again.register(second), Ok(motions[1]));
     }
 }

@@ -324,21 +324,21 @@ fn combine([a, b, c]: [&[u8]; 3], out: &mut [u8], f: impl Fn(u8, u8) -> u8) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::registration::Registration;
     use crate::registration::lucas_kanade::tests::{render, texture};
+    use crate::registration::{Registration, buffer_len};
     use proptest::prelude::*;
     use std::vec;
     use std::vec::Vec;
 
     /// A measured motion: the texture turned by an angle and shifted.
     fn motion(w: usize, h: usize, angle: f64, dx: f64, dy: f64) -> Motion {
-        let mut buffer = vec![0; Registration::buffer_len(w, h)];
-        let mut registration = Registration::new(w, h);
+        let buffer = vec![0; buffer_len(w, h)];
+        let mut registration = Registration::new(w, h, buffer).unwrap();
         for k in [0.0, 1.0] {
             let (s, c) = (k * angle).sin_cos();
             let frame =
                 render(w, h, |x, y| texture(x * c - y * s + k * dx, x * s + y * c + k * dy));
-            let result = registration.register(Image::packed(&frame, w, h).unwrap(), &mut buffer);
+            let result = registration.register(Image::packed(&frame, w, h).unwrap()).unwrap();
             if k > 0.0 {
                 assert!(result.is_valid());
                 return result;

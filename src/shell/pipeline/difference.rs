@@ -10,7 +10,7 @@ use crate::detector::{Detection, Detections, Error, MAX_DETECTIONS};
 use crate::image::nms;
 use crate::image::{Image, Rect};
 use crate::registration::warp;
-use crate::registration::{Motion, Registration};
+use crate::registration::{Motion, Registration, buffer_len};
 use fixed::types::I28F4;
 use std::collections::VecDeque;
 use std::vec;
@@ -50,8 +50,7 @@ pub struct Difference {
     width: usize,
     height: usize,
     threshold: i32,
-    registration: Registration,
-    buffer: Vec<u8>,
+    registration: Registration<Vec<u8>>,
     /// Older frames and the motion from the frame after each to it, newest first.
     older: VecDeque<(Vec<u8>, Motion)>,
     warped: Vec<u8>,
@@ -75,12 +74,14 @@ impl Difference {
     /// [`Detection::score`]; all without one).
     pub fn new(width: usize, height: usize, threshold: Option<i32>) -> Self {
         let pixels = width * height;
+        let buffer = vec![0; buffer_len(width, height)];
+        let registration =
+            Registration::new(width, height, buffer).expect("the buffer has the length needed");
         Self {
             width,
             height,
             threshold: threshold.unwrap_or(i32::MIN),
-            registration: Registration::new(width, height),
-            buffer: vec![0; Registration::buffer_len(width, height)],
+            registration,
             older: VecDeque::new(),
             warped: vec![0; pixels],
             difference: vec![0; pixels],
@@ -93,11 +94,7 @@ impl Difference {
     /// # Errors
     /// [`Error::FrameSize`] when the frame has another size.
     pub fn process(&mut self, frame: Image<'_>) -> Result<Detections, Error> {
-        let (width, height) = (frame.width(), frame.height());
-        if (width, height) != (self.width, self.height) {
-            return Err(Error::FrameSize { width, height });
-        }
-        let motion = self.registration.register(frame, &mut self.buffer);
+        let motion = self.registration.register(frame)?;
         if let Some((_, newest)) = self.older.front_mut() {
             *newest = motion;
         }
@@ -107,7 +104,7 @@ impl Difference {
             self.blobs(&mut found);
             self.older.truncate(LAGS[1] - 1);
         }
-        let pixels = (0..height).flat_map(|y| frame.row(y)).copied().collect();
+        let pixels = (0..frame.height()).flat_map(|y| frame.row(y)).copied().collect();
         self.older.push_front((pixels, Motion::IDENTITY));
         Ok(found)
     }

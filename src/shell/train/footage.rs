@@ -6,7 +6,7 @@ use super::paste::{Anchor, Run, Runs, Turning};
 use super::spool::Spool;
 use crate::channels::front_end::REACH;
 use crate::channels::window::SLICES;
-use crate::registration::{Motion, Registration};
+use crate::registration::{Motion, Registration, buffer_len};
 use crate::shell::error::Error;
 use crate::shell::formats::clips::{self, TruthBox};
 use crate::shell::pipeline::scaled::{FrameSize, Scaling};
@@ -143,15 +143,17 @@ pub(super) fn read(
 }
 
 /// The background's motion to the frame before; the identity where one of both is not needed.
-fn follow(registration: &mut Option<(Registration, Vec<u8>)>, frame: Option<&Frame>) -> Motion {
-    let Some(frame) = frame else {
+fn follow(registration: &mut Option<Registration<Vec<u8>>>, frame: Option<&Frame>) -> Motion {
+    let registered = frame.and_then(|frame| {
+        let Frame { width, height, .. } = *frame;
+        if registration.is_none() {
+            let buffer = std::vec![0; buffer_len(width, height)];
+            *registration = Registration::new(width, height, buffer).ok();
+        }
+        registration.as_mut()?.register(frame.view()).ok()
+    });
+    if registered.is_none() {
         *registration = None;
-        return Motion::IDENTITY;
-    };
-    let new = || {
-        let bytes = std::vec![0; Registration::buffer_len(frame.width, frame.height)];
-        (Registration::new(frame.width, frame.height), bytes)
-    };
-    let (registration, bytes) = registration.get_or_insert_with(new);
-    registration.register(frame.view(), bytes)
+    }
+    registered.unwrap_or(Motion::IDENTITY)
 }
