@@ -81,7 +81,7 @@ impl StretchedWindow {
 pub struct Fit<'m> {
     /// Features of a stretched window: of the newest slice.
     pub features: Features<'m>,
-    /// How far the object's centre is right of and below the box's, Q8 cells; binary logarithms of the object's width and
+    /// Offset of the object's centre to the right of and below the box's, Q8 cells; binary logarithms of the object's width and
     /// height over the box's, Q8.
     pub sides: [Forest<'m>; 4],
 }

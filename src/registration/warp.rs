@@ -243,7 +243,7 @@ fn blend(first: u16, second: u16, weight: u16) -> u16 {
     (first * 16).wrapping_add(second.wrapping_sub(first).wrapping_mul(weight))
 }
 
-/// How far each pixel of `current` lies outside the range of the 3x3 pixels around it in `warped`, in grey levels: 0
+/// Distance of each pixel of `current` to the range of the 3x3 pixels around it in `warped`, in grey levels: 0
 /// where the older frame, moved by up to a pixel, explains it. Both slices are packed, `width * height` bytes.
 ///
 /// Panics if a slice has fewer bytes than the frame has pixels.

@@ -16,7 +16,7 @@ const JUMPS: u8 = 3;
 /// A stamp further in the past than this does not belong to this clock.
 const PAST_US: i64 = 1_000_000;
 
-/// How long the quickest message counts.
+/// Time for which the message of least delay is used.
 const WINDOW_US: i64 = 10_000_000;
 
 /// Estimated offset between the autopilot's clock and ours.

@@ -7,7 +7,7 @@ use crate::tracking::traffic::MAX_TRAFFIC;
 /// Most callsigns of the own fleet.
 pub const FLEET: usize = 16;
 
-/// How objects are named, and which are not reported.
+/// Names of objects, and callsigns that are not reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Naming {
     /// Aircraft type that objects are reported as.

@@ -479,7 +479,7 @@ impl Component {
         self.counters
     }
 
-    /// How the lookout is.
+    /// State of the lookout.
     pub fn state(&self) -> State {
         self.state
     }

@@ -80,7 +80,7 @@ impl core::fmt::Display for Callsign {
     }
 }
 
-/// How an object is named on the map.
+/// Address, callsign and type of an object on the map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Identity {
     /// ICAO address, 24 bits: its key for every receiver.

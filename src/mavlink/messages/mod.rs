@@ -76,7 +76,7 @@ impl Blind {
     }
 }
 
-/// How the work on the frames goes.
+/// Counts, latency and blindness of the frames so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Health {
     /// Frames the detector really finished, since the start.

@@ -27,7 +27,7 @@ pub enum HeartbeatType {
 /// Bit of the heartbeat's custom_mode while the autopilot that was served is gone; lower bits are those of [`Blind`].
 pub const NO_AUTOPILOT_BIT: u32 = 16;
 
-/// How the lookout is.
+/// State of the lookout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum State {
     /// No frame was finished yet.

@@ -21,7 +21,7 @@ use std::{format, vec};
 pub const COMPONENT: u8 = 191;
 /// Microseconds after which an unanswered request is made again.
 const RETRY_US: i64 = 700_000;
-/// How often a request is made before it counts as unanswered.
+/// Number of requests before one counts as unanswered.
 const TRIES: u32 = 4;
 /// Microseconds from one heartbeat of ours to the next.
 const BEAT_US: i64 = 1_000_000;

@@ -2,7 +2,7 @@
 
 use std::string::String;
 
-/// How a finding counts.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mark {
     /// As it should be.

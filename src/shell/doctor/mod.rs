@@ -52,13 +52,13 @@ pub enum DoctorError {
     Silent {
         /// The link as the user named it.
         link: String,
-        /// How long it was listened to.
+        /// Seconds listened.
         seconds: u32,
     },
     /// A requirement is not met.
     #[error("missing: {missing}, see above")]
     Missing {
-        /// How many things are missing.
+        /// Number of missing requirements.
         missing: usize,
     },
 }

@@ -18,9 +18,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use std::vec::Vec;
 
-/// How long one call waits for a frame.
+/// Timeout of one call for a frame.
 const SLICE: Duration = Duration::from_millis(100);
-/// How long the first frame is waited for: a stream gives itself up after 15 s.
+/// Timeout of the first frame: a stream gives up after 15 s.
 const FIRST_FRAME: Duration = Duration::from_secs(20);
 /// Columns of the picture in characters.
 const COLUMNS: usize = 72;

@@ -14,7 +14,7 @@ const OPEN: usize = 20;
 /// Microseconds of error up to which a frame's attitude is good: at 100 degrees a second one degree.
 const GOOD_US: i64 = 10_000;
 
-/// How often a message comes.
+/// Rate of a message.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Rate {
     count: u32,

@@ -10,7 +10,7 @@ use serde::Serialize;
 use std::vec;
 use std::vec::Vec;
 
-/// How many times clips are drawn anew.
+/// Number of resamples.
 pub const RESAMPLES: usize = 1000;
 /// The seed of the draws.
 pub const SEED: u64 = 1;
@@ -98,7 +98,7 @@ impl Sampled {
         Interval { value: self.value, low: at(tail), high: at(1.0 - tail) }
     }
 
-    /// How much more this is than `other`, draw by draw.
+    /// Difference to `other`, resample by resample.
     pub fn less(&self, other: &Self) -> Self {
         let minus = |a: Option<f64>, b: Option<f64>| Some(a? - b?);
         let draws = self.draws.iter().zip(&other.draws).map(|(&a, &b)| minus(a, b)).collect();

@@ -133,7 +133,7 @@ pub struct RunSettings<'a> {
     pub model: Option<&'a Model<'a>>,
     /// The detector's switches.
     pub detector: &'a DetectorArgs,
-    /// How objects are followed; none: they are not.
+    /// Settings of the tracker; `None`: no tracking.
     pub follow: Option<FollowSettings>,
     /// Folder for detections.
     pub out: Option<&'a Path>,

@@ -23,7 +23,7 @@ pub struct Facts {
     pub rate_given: bool,
     /// Kind of encounter.
     pub kind: Option<String>,
-    /// How much the camera turns; larger is rougher.
+    /// Agitation of the camera; larger is rougher.
     pub agitation: Option<f64>,
     /// Things that move along the ground and are not labelled; none where the table has no such column.
     pub movers: Option<f64>,

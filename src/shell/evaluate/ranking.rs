@@ -17,7 +17,7 @@ pub struct Outcome {
     pub clip: usize,
 }
 
-/// How much of a clip there is.
+/// Frames and targets of a clip.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ClipCount {
     /// Frames counted.
@@ -68,7 +68,7 @@ impl Ranking {
         &self.outcomes
     }
 
-    /// How many times each clip counts: once.
+    /// Weights of the clips: each counts once.
     pub fn whole(&self) -> Vec<u32> {
         vec![1; self.clips.len()]
     }

@@ -17,7 +17,7 @@ pub const PRECISIONS: [f64; 3] = [0.5, 0.9, 0.95];
 /// False alarms in 1000 frames at which recall is given.
 pub const FALSE_ALARMS: [u64; 3] = [1, 10, 100];
 
-/// How many targets there were, and how many of them were found.
+/// Number of targets, and of those found.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tally {
     targets: usize,
@@ -119,7 +119,7 @@ pub struct Share {
     pub name: String,
     /// Found of all, 0 to 1; none without targets.
     pub recall: Option<f64>,
-    /// How many there were.
+    /// Number of targets.
     pub targets: usize,
 }
 

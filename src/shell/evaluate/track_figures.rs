@@ -42,7 +42,7 @@ impl Collision {
     }
 }
 
-/// How many flights these are of.
+/// Number of flights.
 fn flights<'c>(collisions: impl Iterator<Item = &'c Collision>) -> u64 {
     collisions.map(|c| c.flight.as_str()).collect::<BTreeSet<_>>().len() as u64
 }
@@ -58,7 +58,7 @@ pub struct Figures {
     pub confirmed_tracks: u64,
     /// Share of the targets' frames covered by the target's most frequent track.
     pub continuity: Option<f64>,
-    /// How often a target's track was followed by another one.
+    /// Number of changes of a target's track.
     pub id_switches: u64,
     /// Confirmed tracks that were less than half of the time on an object, per minute of flight.
     pub false_tracks_per_minute: Option<f64>,

@@ -26,7 +26,7 @@ pub const MUST_WARN_TIME: f64 = 2.0;
 /// Times to contact that are compared, in seconds.
 const COMPARED: f64 = 4.0;
 
-/// How clips are followed.
+/// Settings of tracking clips.
 #[derive(Debug, Clone, Copy)]
 pub struct FollowSettings {
     /// Tracker and alerts.
@@ -81,9 +81,9 @@ pub struct TrackResult {
     pub right: u64,
     /// Frames on a bird.
     pub on_bird: u64,
-    /// How often it rose to caution.
+    /// Number of rises to caution.
     pub cautions: u64,
-    /// How often it rose to warning.
+    /// Number of rises to warning.
     pub warnings: u64,
     /// Level in the last frame.
     pub level: Level,

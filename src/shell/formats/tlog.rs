@@ -98,7 +98,7 @@ fn copy(to: &mut [u8], from: &[u8]) {
     to[..common].copy_from_slice(&from[..common]);
 }
 
-/// How many bytes the whole frame at the start of `bytes` has; `None` if there is none whose checksum holds.
+/// Length of the frame at the start of `bytes`; `None` if there is none with a valid checksum.
 fn frame_len(bytes: &[u8]) -> Option<usize> {
     let raw = raw(bytes)?;
     let len = match &raw {
@@ -118,7 +118,7 @@ fn next_time(bytes: &[u8]) -> Option<u64> {
     frame_len(frame).map(|_| big_endian(time)).filter(|&time| time < TIME_END)
 }
 
-/// How the times of the records in `bytes` are written, where it is certain that they are no big-endian microseconds.
+/// Encoding of the times of the records in `bytes`, where it is certain that they are no big-endian microseconds.
 ///
 /// A clock that was never set counts from 1970, so that a small number alone says little: in seconds it must also stand
 /// still while dozens of messages pass.
@@ -168,7 +168,7 @@ pub enum TlogError {
     Read {
         /// The file.
         path: PathBuf,
-        /// How far it was read.
+        /// Bytes read before.
         offset: u64,
         /// The system's reason.
         source: io::Error,
@@ -188,7 +188,7 @@ pub enum TlogError {
     Times {
         /// The file.
         path: PathBuf,
-        /// How they are written.
+        /// Their encoding.
         found: WrongTimes,
     },
 }

@@ -91,7 +91,7 @@ pub struct Links {
     signing: Option<Arc<Mutex<Signing>>>,
 }
 
-/// How long the end of the links' threads is waited for; one that looks up a name is left to itself.
+/// Timeout for the end of the links' threads; one that looks up a name is left to itself.
 const END: Duration = Duration::from_secs(1);
 
 impl Links {

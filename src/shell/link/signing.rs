@@ -30,10 +30,10 @@ use std::time::{SystemTime, UNIX_EPOCH};
 const EPOCH_US: u128 = 1_420_070_400_000_000;
 
 const SECOND: u64 = 100_000;
-/// How far a new stream may lag behind, and half of what the file is ahead.
+/// Largest lag of a new stream, and half the time that the file is ahead.
 const MINUTE: u64 = 60 * SECOND;
 const HOUR: u64 = 60 * MINUTE;
-/// How far a peer's time may be ahead.
+/// Largest lead of a peer's time.
 const DAY: u64 = 24 * HOUR;
 
 /// 2025-01-01: a clock that is earlier was never set.

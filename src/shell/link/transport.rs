@@ -15,16 +15,16 @@ use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
 use std::time::{Duration, Instant};
 use std::vec::Vec;
 
-/// How long a read waits.
+/// Timeout of a read.
 const READ: Duration = Duration::from_millis(5);
 
-/// How long a read of one of several TCP peers waits.
+/// Timeout of a read of one of several TCP peers.
 const READ_ONE: Duration = Duration::from_millis(1);
 
 /// A link that takes nothing for so long is broken.
 const WRITE: Duration = Duration::from_millis(500);
 
-/// How long a connection may take.
+/// Timeout of connecting.
 const CONNECT: Duration = Duration::from_secs(2);
 
 /// Bytes of one read at most; a UDP datagram that is longer is cut.

@@ -40,7 +40,7 @@ pub struct Shared {
     pub heard_us: AtomicI64,
     /// Frames heard that found no room.
     pub unheard: AtomicU32,
-    /// How often the link was opened.
+    /// Number of times that the link was opened.
     pub opened: AtomicU32,
 }
 

@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long one call waits for a frame: so soon an order to stop is heard.
+/// Timeout of one call for a frame; bounds the latency of a shutdown.
 const SLICE: Duration = Duration::from_millis(100);
 /// The first wait before it is opened again; it doubles up to the last.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
@@ -39,7 +39,7 @@ pub struct Capture {
     pub mailbox: Mailbox,
     /// Frames lost on the way from the camera, since the start.
     pub missed: AtomicU32,
-    /// How often the source was opened.
+    /// Number of times that the source was opened.
     pub opened: AtomicU32,
     /// Rises as long as the thread goes on, also while it waits.
     pub pulse: AtomicU64,

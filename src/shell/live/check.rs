@@ -30,7 +30,7 @@ pub struct Fault {
 pub struct SettingsError {
     /// The file of the settings.
     pub path: PathBuf,
-    /// How many faults there are.
+    /// Number of faults.
     pub faults: usize,
 }
 

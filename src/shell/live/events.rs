@@ -28,7 +28,7 @@ use std::sync::Arc;
 use std::vec::Vec;
 use std::{format, mem};
 
-/// How long an alert waits for the messages about it, microseconds.
+/// Time that an alert waits for the messages about it, microseconds.
 const COLLECTED_US: i64 = 1_000_000;
 /// Alerts that wait at most, and alerts that wait to be written.
 const PENDING: usize = 32;

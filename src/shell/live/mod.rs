@@ -46,7 +46,7 @@ pub struct RunArgs {
     print_config: bool,
 }
 
-/// How long an end may take: less than the 10 s after which a manager or `docker stop` kills.
+/// Timeout of the shutdown: less than the 10 s after which a service manager or `docker stop` kills.
 const END: Duration = Duration::from_secs(5);
 
 /// Ends the program if it does not end by itself in time after an order to stop, as where a read of a source never returns.

@@ -31,7 +31,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::vec::Vec;
 use std::{format, mem};
 
-/// How long a segment is, microseconds.
+/// Length of a segment, microseconds.
 const SEGMENT_US: i64 = 60_000_000;
 /// Frames, and other items, that wait to be written at most.
 const FRAMES: usize = 30;

@@ -506,7 +506,7 @@ fn component(config: &Config) -> component::Config {
     }
 }
 
-/// How objects are named.
+/// Names of objects by the settings.
 fn naming(config: &Config) -> Naming {
     let assume = match config.traffic.assume.as_str() {
         "aircraft" => Assume::Aircraft,

@@ -49,7 +49,7 @@ pub enum ParamsError {
         link: String,
         /// Its component id.
         component: u8,
-        /// How long it was listened to.
+        /// Seconds listened.
         seconds: u32,
     },
     /// Some answers did not come.
@@ -57,7 +57,7 @@ pub enum ParamsError {
     NoAnswer {
         /// A parameter without an answer.
         name: String,
-        /// How long it was waited for.
+        /// Seconds waited.
         seconds: u32,
         /// Whether the lookout signs what it sends.
         signed: bool,

@@ -52,7 +52,7 @@ enum ParamsVerb {
     },
 }
 
-/// How the lookout is reached.
+/// Link to the lookout.
 #[derive(Debug, Clone, clap::Args)]
 struct LinkArgs {
     /// Link to the lookout, or to an autopilot or router that forwards: udpin:HOST:PORT, udpout:.., tcpin:.., tcpout:.. or serial:DEVICE:BAUD
@@ -61,7 +61,7 @@ struct LinkArgs {
     /// Its component id
     #[arg(long, value_name = "ID", default_value_t = 196, value_parser = clap::value_parser!(u8).range(1..))]
     component: u8,
-    /// How long to wait
+    /// Seconds to wait
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=600))]
     seconds: u32,
 }

@@ -28,7 +28,7 @@ const TIMES_NOISE: u32 = 6;
 /// Pixels of a blob may be so far from each other.
 const GAP: usize = 4;
 
-/// How much a blob's size counts: its pixels to this power. 1/2 would be standard errors of independent pixels, which
+/// Exponent of a blob's size in pixels in its score. 1/2 would be standard errors of independent pixels, which
 /// lets large patches of wood and field win.
 const SIZE_POWER: f64 = 0.2;
 

@@ -50,7 +50,7 @@ impl fmt::Display for MethodName {
     }
 }
 
-/// How the trees over windows are learned.
+/// Training of the trees over windows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Learner {
     /// One after the other, each on what the ones before got wrong.
@@ -75,7 +75,7 @@ pub enum Sees {
 pub struct Recipe {
     /// The parts that training and detector share.
     pub method: Method,
-    /// How the trees over windows are learned.
+    /// Training of the trees over windows.
     pub windows: Learner,
     /// Channels of the scan's map that these trees may ask, from the first one on (see [`crate::scan::aggregate::strips`]).
     pub map_channels: usize,
@@ -125,7 +125,7 @@ const fn aligned(recipe: Recipe, alignment: Alignment) -> Recipe {
 }
 
 impl MethodName {
-    /// How to train it; none for what learns nothing.
+    /// Its training recipe; `None` for a method that learns nothing.
     pub const fn recipe(self) -> Option<Recipe> {
         Some(match self {
             Self::Ours => OURS,

@@ -26,7 +26,7 @@ pub struct Snapshot {
     /// The most urgent level of all.
     #[serde(serialize_with = "level")]
     pub level: Level,
-    /// How the work goes.
+    /// Counts and latencies.
     pub health: Health,
     /// How long the stages of the work take.
     pub latency: Vec<Latency>,

@@ -2,7 +2,7 @@
 
 use crate::shell::support::vectors::{Rotation, Vector, atan2, dot, sin_cos};
 
-/// How texture coordinates and directions correspond.
+/// Correspondence of texture coordinates and directions.
 #[derive(Debug, Clone)]
 pub(super) enum Form {
     /// Picture plane of a pinhole camera at the origin, turned by the rotation (picture to world).

@@ -40,7 +40,7 @@ pub(super) struct Scene {
     pub kind: PictureKind,
 }
 
-/// How texture pixels and picture pixels correspond.
+/// Correspondence of texture pixels and picture pixels.
 enum Source {
     /// Picture pixel of texture (0, 0), and the picture's steps for one texture pixel to the right and down.
     Affine([f64; 2], [[f64; 2]; 2]),

@@ -29,7 +29,7 @@ use std::vec::Vec;
 pub const LATENCY_US: i64 = 40_000;
 /// Microseconds from one look for messages to be sent to the next.
 const TICK_US: i64 = 20_000;
-/// How much telemetry before the first frame is heard, microseconds: heartbeats come once a second.
+/// Telemetry before the first frame that is used, microseconds: heartbeats come once a second.
 const BEFORE_US: i64 = 10_000_000;
 /// The link that recorded telemetry comes over; no open link has this number.
 const RECORDED: u8 = u8::MAX;

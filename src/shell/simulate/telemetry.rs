@@ -19,7 +19,7 @@ use mavlink_core::{MAVLinkV2MessageRaw, MavHeader};
 
 /// When the first frame of a simulated flight is taken, microseconds since 1970: the first moment of 2026, UTC.
 pub const START_US: i64 = 1_767_225_600_000_000;
-/// How long before the first frame the autopilot was started, milliseconds.
+/// Time from the autopilot's start to the first frame, milliseconds.
 const UPTIME_MS: u32 = 60_000;
 /// Where the flight begins, degrees.
 const LATITUDE: f64 = 47.0;

@@ -59,7 +59,7 @@ pub trait FrameSource {
     /// [`SourceError`] naming the file and the frame; what was read before stays valid.
     fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError>;
 
-    /// How many frames there will be in all, where that is known beforehand.
+    /// Number of all frames, where it is known beforehand.
     fn frame_count(&self) -> Option<u64> {
         None
     }
@@ -267,7 +267,7 @@ pub enum SourceError {
     Ffmpeg {
         /// The video.
         path: PathBuf,
-        /// How many frames were delivered before.
+        /// Number of frames delivered before.
         frames: u64,
         /// Its last words.
         message: String,

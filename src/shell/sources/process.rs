@@ -21,7 +21,7 @@ use std::{env, format};
 /// The verb under which this program supervises a child.
 pub const SUPERVISE: &str = "supervise";
 
-/// How long a group has after SIGTERM before SIGKILL.
+/// Time from SIGTERM to SIGKILL of a process group.
 const GRACE: Duration = Duration::from_millis(400);
 
 /// Longest line of a child's standard error that is kept, bytes.

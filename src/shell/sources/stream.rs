@@ -20,7 +20,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 use std::vec::Vec;
 
-/// How long the first frame may take: programs start, connect, and wait for a key frame (some cameras send one in 10 s).
+/// Timeout of the first frame: programs start, connect, and wait for a key frame (some cameras send one in 10 s).
 const FIRST_FRAME: Duration = Duration::from_secs(15);
 
 /// Lines of the program's standard error that are logged in [`LOG_SPAN`]; more are counted only.

@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 use std::vec::Vec;
 
-/// How long the line of a frame that was read is waited for: it was written before the frame.
+/// Timeout for the line of a frame that was read: it was written before the frame.
 const LINE_WAIT: Duration = Duration::from_secs(2);
 
 /// Grey first, so that every format is converted as it was without filters; times in nanoseconds.

@@ -1,4 +1,4 @@
-//! How long something takes: a histogram of fixed size, so that hours cost no more than a minute.
+//! Histogram of durations in constant memory.
 
 use std::vec;
 use std::vec::Vec;
@@ -53,7 +53,7 @@ impl Histogram {
         self.max = self.max.max(time);
     }
 
-    /// How many times were counted.
+    /// Number of durations counted.
     pub fn count(&self) -> u64 {
         self.count
     }

@@ -12,7 +12,7 @@ static REQUESTED: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
 /// The exit status of a program ended by Ctrl-C.
 pub const EXIT_STATUS: u8 = 130;
 
-/// How a run that met no error ended.
+/// End of a run without an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
     /// With its last frame.

@@ -145,7 +145,7 @@ pub struct TrainArgs {
     /// Method to train; the options below change it
     #[arg(long, value_enum, default_value_t)]
     pub method: MethodName,
-    /// How the older slices of st-cubes are aligned to the newest
+    /// Alignment of the older slices of st-cubes
     #[arg(long, value_enum)]
     pub alignment: Option<Following>,
     /// Parts to leave out.

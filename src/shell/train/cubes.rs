@@ -22,12 +22,11 @@ const TOLERANCE: Tolerance = Tolerance { distance: 1.5, scale: 0.6, far: 2.5, ot
 /// Patches drawn for each target: the paper shifts each box at random.
 const PATCHES: usize = 6;
 
-/// How near a window must be to a target for the box regressors to learn from it: wider, since they must pull boxes
-/// in from there.
+/// Tolerance of windows that the box regressors learn from: wider, since they must correct boxes from there.
 const REACH: Tolerance = Tolerance { distance: 2.0, scale: 1.1, far: 0.0, other_scale: 0.0 };
 
 /// Windows drawn around each target on each level within reach, for the box regressors, in addition to the scan's: how far
-/// from the target's middle, in cells. Most are near it, where the last looks are from.
+/// from the target's middle, in cells. Most are near it, where re-evaluation is.
 const JITTER: [f64; 3] = [1.0, 0.35, 0.35];
 
 /// A training row: feature values, label, offset of the target, origin.

@@ -62,13 +62,14 @@ impl Offset {
         self.x.abs().max(self.y.abs())
     }
 
-    /// How far the longer side is from the nominal one, as a logarithm.
+    /// Binary logarithm of the longer side over the nominal one.
     pub fn scale(&self) -> f64 {
         self.width.max(self.height)
     }
 }
 
-/// How near a window must be to a target to be one, and how far to be none; between them it counts neither way.
+/// Tolerances of labels: nearer than the first two a window is positive, farther than the last two negative, between
+/// them ignored.
 #[derive(Debug, Clone, Copy)]
 pub struct Tolerance {
     /// Largest distance of the centres of a positive, cells.

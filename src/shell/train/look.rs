@@ -6,7 +6,7 @@ use crate::shell::sources::Frame;
 use crate::shell::support::random::Random;
 use std::vec::Vec;
 
-/// How a run of frames is shown.
+/// Augmentation of a run of frames.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
     /// Left and right change places.

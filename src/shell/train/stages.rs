@@ -36,7 +36,7 @@ const RANDOM_WINDOWS: usize = 12;
 /// Hard negatives taken from each frame in a round of mining.
 const HARD_WINDOWS: usize = 16;
 
-/// How a random forest over windows is grown.
+/// Parameters of a random forest over windows.
 const BAGGING: Bagging = Bagging {
     trees: 0,
     depth: MAX_DEPTH,

@@ -18,7 +18,7 @@ use std::vec::Vec;
 /// Sampled frames in a row that are shown with the same look.
 const SEGMENT: usize = 6;
 
-/// How deep into the past a sampled frame is computed.
+/// Slices that are computed for a sampled frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Depth {
     /// Channels of the sampled frame only.
@@ -42,10 +42,10 @@ pub struct View<'a> {
     pub channels: FrameChannels<'a>,
 }
 
-/// Which frames to show, and how.
+/// Frames to visit, and their augmentation.
 #[derive(Debug, Clone, Copy)]
 pub struct Selection {
-    /// How deep into the past to compute.
+    /// Slices to compute.
     pub depth: Depth,
     /// Every `part.1`th sampled frame of a clip, beginning with the `part.0`th.
     pub part: (usize, usize),
@@ -59,7 +59,7 @@ impl Selection {
         clip.samples.iter().copied().skip(self.part.0 % self.part.1).step_by(self.part.1).collect()
     }
 
-    /// How the frames of a segment are shown.
+    /// Augmentation of the frames of a segment.
     fn look(&self, clip: &Footage, segment: usize) -> Look {
         match self.looks.filter(|_| !clip.held_back) {
             Some(seed) => {

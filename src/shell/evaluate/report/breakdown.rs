@@ -18,7 +18,7 @@ use std::{format, vec};
 /// More different values of agitation than this are put into quartiles.
 const MOST_VALUES: usize = 6;
 
-/// How targets and false alarms fall into groups.
+/// Grouping of targets and false alarms by a property.
 #[derive(Debug, Clone)]
 enum Rule {
     Size,

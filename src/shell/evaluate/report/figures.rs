@@ -32,7 +32,7 @@ pub struct Figures {
     pub data: String,
     /// The data set.
     pub flights: Flights,
-    /// How confidence intervals were made.
+    /// Parameters of the confidence intervals.
     pub bootstrap: BootstrapFigures,
     /// The figures of each method; the detector's own run is first.
     pub methods: Vec<MethodFigures>,
@@ -178,7 +178,7 @@ pub fn flights(matches: &[ClipMatches], truth: &[ClipTruth<'_>]) -> Flights {
     flights
 }
 
-/// How the intervals of this report are made.
+/// Parameters of the intervals of this report.
 pub fn bootstrap_figures() -> BootstrapFigures {
     BootstrapFigures { over: "clips", resamples: RESAMPLES, seed: SEED, level: LEVEL }
 }

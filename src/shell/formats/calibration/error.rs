@@ -62,7 +62,7 @@ pub enum CalibrationError {
         count: usize,
         /// The model.
         model: &'static str,
-        /// How many it has.
+        /// Its numbers of coefficients.
         expected: &'static str,
     },
     /// A camera matrix with skew.

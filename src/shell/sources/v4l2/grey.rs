@@ -6,7 +6,7 @@ use super::mjpeg;
 use crate::shell::sources::interlaced::{Field, keep_earlier};
 use crate::shell::sources::{Frame, expand};
 
-/// How the pictures of a stream lie in its buffers.
+/// Layout of a stream's pictures in its buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
     pub format: PixelFormat,

@@ -282,7 +282,7 @@ fn check(device: &Device, path: &Path) -> Result<(), CameraError> {
     Ok(())
 }
 
-/// How many frames are missing before `sequence`; none where the count begins, stands still or begins anew.
+/// Number of frames missing before `sequence`; 0 where the count begins, stands still or begins anew.
 fn gap(last: Option<u32>, sequence: u32) -> u32 {
     let step = last.map_or(1, |last| sequence.wrapping_sub(last));
     if step > u32::MAX / 2 { 0 } else { step.saturating_sub(1) }

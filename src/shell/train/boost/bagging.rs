@@ -15,7 +15,7 @@ use std::vec::Vec;
 /// Log-odds of a leaf count no more than this.
 const SUREST: f64 = 8.0;
 
-/// How to grow a random forest.
+/// Parameters of a random forest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bagging {
     /// Trees, at most [`MAX_TREES`].

@@ -90,7 +90,7 @@ impl Sub for Sum {
     }
 }
 
-/// How real derivatives become integers, such that no sum overflows.
+/// Scale of real derivatives as integers, such that no sum overflows.
 #[derive(Debug, Clone, Copy)]
 struct Scale {
     gradient: f64,

@@ -9,7 +9,7 @@ const DEGREE: f64 = TAU / 360.0;
 /// Lengths of objects in pixels, at first: of those that come nearer, of those that go, of the others.
 const LENGTHS: [(f64, f64); 3] = [(8.0, 40.0), (18.0, 110.0), (10.0, 110.0)];
 
-/// How an object moves before the camera's place, and how its length in the picture changes.
+/// Motion of an object relative to the camera's position, and its length in the picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Course {
     /// Azimuth (right) and elevation (down) at the time 0, radians.
@@ -20,7 +20,7 @@ pub struct Course {
     sway: [[f64; 3]; 2],
     /// Length at the time 0, pixels.
     length: f64,
-    /// How its distance changes.
+    /// Change of its distance.
     approach: Approach,
 }
 

@@ -7,7 +7,7 @@ use crate::shell::support::vectors::{Rotation, atan2, direction};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// How a clip's camera was turned in each frame, and where it saw a direction.
+/// Attitude of a clip's camera in each frame, and its projection.
 #[derive(Debug)]
 pub struct Turning {
     rotations: BTreeMap<u64, Rotation>,
