@@ -86,7 +86,7 @@ impl History {
     }
 }
 
-/// Places of the last frames in a ring of so many.
+/// Positions of the last frames in a ring buffer.
 #[derive(Debug, Clone, Copy)]
 pub struct Ring {
     length: usize,

@@ -335,7 +335,7 @@ impl<'a> Pyramid<'a> {
         numbers.filter(move |&i| this.levels()[i].active).map(move |i| this.level(i))
     }
 
-    /// A level and its pictures. Panics if there are not so many.
+    /// Pictures of level `number`. Panics if there is no such level.
     pub fn level(&self, number: usize) -> Pictures<'a> {
         let level = self.levels()[number];
         let picture = |picture, age: usize| {

@@ -36,7 +36,7 @@ impl Digest {
         }
     }
 
-    /// The digest of all frames so far.
+    /// The digest of all frames since the start.
     pub fn value(&self) -> u64 {
         self.0.clone().finalize()
     }

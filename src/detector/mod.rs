@@ -264,13 +264,13 @@ impl Stage {
 /// ```
 /// use lookout::detector::Detections;
 ///
-/// /// The box of the surest detection, pixels of the frame.
-/// fn surest(detections: &Detections) -> Option<[f32; 4]> {
+/// /// The box of the best detection, pixels of the frame.
+/// fn best(detections: &Detections) -> Option<[f32; 4]> {
 ///     let rect = detections.list.first()?.rect;
 ///     Some([rect.x, rect.y, rect.width, rect.height].map(|side| side.to_num()))
 /// }
 ///
-/// assert_eq!(surest(&Detections::default()), None);
+/// assert_eq!(best(&Detections::default()), None);
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Detections {

@@ -116,7 +116,7 @@ impl<'a> CellRow<'a> {
         Self { rows, ..*self }
     }
 
-    /// [`CellRow::sum`] of the first cells, at most 255. Panics if there are not so many.
+    /// [`CellRow::sum`] of the first cells, at most 255. Panics if the row has fewer cells than `out`.
     #[inline(always)]
     pub fn fill_quarters(&self, out: &mut [u8]) {
         let pairs = |row: &'a [u8]| &row.as_chunks::<CELL>().0[..out.len()];

@@ -176,7 +176,7 @@ impl<'m> Features<'m> {
         self.encoded.is_empty()
     }
 
-    /// Feature `number`. Panics if there are not so many.
+    /// Feature `number`. Panics if there is no such feature.
     #[inline]
     pub fn get(&self, number: u16) -> Feature {
         let [denominator, channel, x0, x1, y0, y1, t0, t1] = self.encoded[usize::from(number)];

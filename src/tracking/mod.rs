@@ -136,7 +136,8 @@ impl Watch {
         self.source = Source::Image;
     }
 
-    /// The objects followed after the detections of a frame taken at `time_us`, surest and oldest first.
+    /// Updates the tracks with the detections of a frame taken at `time_us` and returns them: confirmed ones first, then by
+    /// alert level and age.
     ///
     /// `background` is the detector's motion of that frame ([`crate::detector::Detections::motion`]); `attitudes` those of
     /// the vehicle, by the clock of the frames, empty without any. A frame that is not later than the last one, or by more

@@ -217,7 +217,7 @@ impl Track {
         self.rate = across(turn.rotate(self.rate), self.direction);
     }
 
-    /// Moves the box to where the track is foretold.
+    /// Moves the box to the predicted position.
     fn coast(&mut self, pose: &CameraPose<'_>) {
         self.coasting = true;
         let body = pose.attitude.inverse().rotate(self.direction);

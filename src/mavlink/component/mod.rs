@@ -172,7 +172,7 @@ pub enum Event {
 /// Numbers of frames and messages that were received, refused or lost since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counters {
-    /// Frames heard.
+    /// Frames received.
     pub received: u32,
     /// Frames that do not hold what their number says.
     pub malformed: u32,

@@ -17,8 +17,8 @@ use mavlink_core::types::CharArray;
 /// A parameter. Its number is its index on the wire; the set never changes while the program runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Parameter {
-    /// `LK_THRESHOLD`: how much surer than the model's calibration asks a detection must be to start a track, log-odds;
-    /// 0 by default, negative for more and less sure ones. It means the same whichever model is in use.
+    /// `LK_THRESHOLD`: offset of the score that starts a track from the one of the model's calibration, log-odds; 0 by
+    /// default, negative for more and weaker tracks. It means the same for every model.
     Threshold,
     /// `LK_WINGSPAN`: assumed wingspan of other aircraft in metres; 1 by default.
     Wingspan,

@@ -19,7 +19,7 @@ const ARDUPILOT: u8 = 3;
 /// A position of the vehicle older than this puts nothing on the map.
 pub(super) const POSITION_US: i64 = 2_000_000;
 
-/// After a threat is over its COLLISION goes on this long, to show that it is.
+/// Time for which COLLISION is still sent after a threat is over, to show that it is.
 const CLEARING_US: i64 = 5_000_000;
 
 /// While the autopilot reports an object of ours as a threat by its own COLLISION, ours about it is not sent. ArduPilot

@@ -23,7 +23,7 @@ fn text(severity: MavSeverity, words: &str) -> STATUSTEXT_DATA {
     STATUSTEXT_DATA { severity, text: CharArray::from(words), id: 0, chunk_seq: 0 }
 }
 
-/// The text about an object of this name; `None` for an object not worth one.
+/// The text about an object of this name; `None` below [`Level::Traffic`].
 pub fn about(traffic: &Traffic, callsign: Callsign) -> Option<STATUSTEXT_DATA> {
     let (severity, word) = match traffic.level {
         Level::None => return None,

@@ -52,7 +52,7 @@ pub struct Figures {
     pub height: usize,
     /// Threads the detector could use; 0: one a processor core.
     pub threads: usize,
-    /// Mean number of windows that the scan looked at in a frame.
+    /// Mean number of windows that the scan evaluated in a frame.
     pub windows_per_frame: f64,
     /// Mean number of trees that a window of the scan passes until it is rejected.
     pub trees_per_window: f64,

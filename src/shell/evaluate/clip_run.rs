@@ -99,7 +99,7 @@ impl ScanCounts {
 pub struct ScanFigures {
     /// Number of frames.
     pub frames: u64,
-    /// Windows looked at in a frame.
+    /// Windows evaluated in a frame.
     pub windows_per_frame: f64,
     /// Windows handed on in a frame.
     pub windows_kept_per_frame: f64,

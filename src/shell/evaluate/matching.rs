@@ -78,7 +78,7 @@ pub struct ClipMatches {
     pub targets: Vec<Target>,
     /// Boxes on birds.
     pub birds: usize,
-    /// Detections in the order of frames, surest first.
+    /// Detections in the order of frames, highest score first.
     pub detections: Vec<Matched>,
 }
 

@@ -39,7 +39,7 @@ pub struct Point {
     pub false_alarms: u64,
 }
 
-/// Detections in the order of their scores, surest first; equal ones in the order of clips.
+/// Detections in the order of their scores, highest first; equal ones in the order of clips.
 #[derive(Debug, Clone, Default)]
 pub struct Ranking {
     clips: Vec<ClipCount>,
@@ -63,7 +63,7 @@ impl Ranking {
         &self.clips
     }
 
-    /// The detections, surest first.
+    /// The detections, highest score first.
     pub fn outcomes(&self) -> &[Outcome] {
         &self.outcomes
     }

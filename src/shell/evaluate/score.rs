@@ -175,7 +175,7 @@ impl Report {
     }
 }
 
-/// To so many decimals, exact ties to even.
+/// Rounds to a number of decimals, exact ties to even.
 fn round(value: f64, digits: usize) -> f64 {
     format!("{value:.digits$}").parse().unwrap_or(value)
 }

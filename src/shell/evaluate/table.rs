@@ -55,7 +55,7 @@ impl Table {
     }
 }
 
-/// A number with so many decimals, or a dash.
+/// A number with this many decimals, or a dash.
 pub fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("-".into(), |value| std::format!("{value:.digits$}"))
 }

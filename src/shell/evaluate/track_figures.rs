@@ -9,7 +9,7 @@ use std::format;
 use std::string::String;
 use std::vec::Vec;
 
-/// Targets of a collision flight that must be warned of: at least so long, in pixels, while there was time to.
+/// Least length in pixels of targets of a collision flight that must be warned of, while there was time to.
 const MUST_WARN_SIZE: f64 = 16.0;
 
 /// A target of a collision flight.

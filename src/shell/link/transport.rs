@@ -21,7 +21,7 @@ const READ: Duration = Duration::from_millis(5);
 /// Timeout of a read of one of several TCP peers.
 const READ_ONE: Duration = Duration::from_millis(1);
 
-/// A link that takes nothing for so long is broken.
+/// Time after which a link that takes nothing counts as broken.
 const WRITE: Duration = Duration::from_millis(500);
 
 /// Timeout of connecting.
@@ -37,7 +37,7 @@ const DECODED: usize = 1024;
 const SENDERS: usize = 16;
 const CALLERS: usize = 4;
 
-/// A peer that sent no valid frame for so long is gone.
+/// Time after which a peer without a valid frame counts as gone.
 const GONE: Duration = Duration::from_secs(10);
 
 /// Bytes that were received and not decoded yet; at their end there are none for now.

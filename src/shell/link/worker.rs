@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 const FIRST_WAIT: Duration = Duration::from_millis(200);
 const LAST_WAIT: Duration = Duration::from_secs(5);
 
-/// A link that held so long starts with the first wait again.
+/// Time after which a link that held starts with the first wait again.
 const HELD: Duration = Duration::from_secs(5);
 
 /// Reads before frames are written again, and how long they may take; both bound what input that never pauses can do.
@@ -36,9 +36,9 @@ pub struct Shared {
     pub stop: AtomicBool,
     /// Whether the link is open.
     pub connected: AtomicBool,
-    /// When the last frame was heard; 0: none yet.
+    /// Time of the last frame received; 0: none yet.
     pub heard_us: AtomicI64,
-    /// Frames heard that found no room.
+    /// Received frames dropped for want of room.
     pub unheard: AtomicU32,
     /// Number of times that the link was opened.
     pub opened: AtomicU32,

@@ -34,7 +34,7 @@ const COLLECTED_US: i64 = 1_000_000;
 const PENDING: usize = 32;
 /// Messages kept with an alert.
 const MESSAGES: usize = 64;
-/// The log is kept in so many folders; the oldest gives way.
+/// Number of folders of the log; the oldest is removed for a new one.
 const FOLDERS: u64 = 8;
 /// Messages about traffic: ADSB_VEHICLE, COLLISION, STATUSTEXT, OBSTACLE_DISTANCE, OBSTACLE_DISTANCE_3D.
 const ABOUT_TRAFFIC: [u32; 5] = [246, 247, 253, 330, 11037];
@@ -86,7 +86,7 @@ pub struct Events {
 }
 
 impl Events {
-    /// Opens the log in a folder, of at most so many bytes.
+    /// Opens the log in a folder, with a limit of its size in bytes.
     ///
     /// # Errors
     /// The system's.
@@ -217,7 +217,7 @@ impl Drop for Events {
     }
 }
 
-/// Writes an alert, for which older ones give way where the disk is full.
+/// Writes an alert; on a full disk older ones are removed for it.
 fn write(ring: &mut Ring, limit: u64, number: u64, alert: &Alert) -> io::Result<()> {
     loop {
         match try_write(ring, limit, number, alert) {

@@ -34,7 +34,7 @@ pub struct Condition {
     pub blind: Blind,
     /// State of the source.
     pub camera: Camera,
-    /// Frames looked at, left out, and looked at a second.
+    /// Frames processed and dropped, and frames processed a second.
     pub frames: (u64, u32, f64),
     /// Stages of the work: name, median, 99th percentile in microseconds.
     pub latency: Vec<(&'static str, i64, i64)>,
@@ -164,7 +164,7 @@ impl Outputs {
         self.config.record.is_some() && recorder.is_none_or(Recorder::is_failing)
     }
 
-    /// Takes a message that was heard.
+    /// Takes a received message.
     pub fn heard(&mut self, heard: &Inbound) {
         if let Some(recorder) = &mut self.recorder {
             recorder.heard(&heard.frame, heard.time_us);

@@ -143,7 +143,7 @@ impl Recorder {
         }
     }
 
-    /// Takes a message that was heard.
+    /// Records a received message.
     pub fn heard(&mut self, frame: &MAVLinkMessageRaw, time_us: i64) {
         let bytes = match frame {
             MAVLinkMessageRaw::V1(frame) => frame.raw_bytes(),
@@ -153,7 +153,7 @@ impl Recorder {
         self.message(time_us, bytes, autopilot);
     }
 
-    /// Takes a message, heard or said.
+    /// Records a message, received or sent.
     pub fn message(&mut self, time_us: i64, bytes: &[u8], autopilot: bool) {
         self.writer.hand(Item::Message { time_us, bytes: bytes.into(), autopilot });
     }

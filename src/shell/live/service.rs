@@ -60,7 +60,7 @@ impl From<ServiceError> for Error {
 
 /// From one look for messages to be sent to the next.
 const TICK: Duration = Duration::from_millis(20);
-/// Frames that were looked at and wait to be tracked.
+/// Processed frames that wait to be tracked.
 const WAITING: usize = 2;
 /// Time between two texts about what fails, and between two about the same, microseconds: one that was sent before a
 /// link was open is lost.
@@ -72,7 +72,7 @@ const STATUS_US: i64 = 1_000_000;
 /// Totals of a run.
 #[derive(Debug, Default)]
 pub struct Summary {
-    /// Frames that were looked at.
+    /// Processed frames.
     pub frames: u64,
     /// Frames left out because the detector was busy.
     pub dropped: u32,

@@ -1,4 +1,4 @@
-//! The client of the parameter protocol: asks, hears, asks again. A state machine without I/O and clock.
+//! Client of the parameter protocol, with repeated requests. A state machine without I/O and clock.
 //! Source: <https://mavlink.io/en/services/parameter.html>.
 
 use crate::mavlink::dialect::{

@@ -62,7 +62,7 @@ impl Picture {
         }
     }
 
-    /// The outline of a box, so many pixels around it; gives its left, top, right, bottom.
+    /// Draws the outline of a box at a distance in pixels; returns its left, top, right, bottom.
     fn outline(&mut self, rect: Rect, around: i32, colour: [u8; 3]) -> [i32; 4] {
         let left = pixel(rect.x) - around;
         let top = pixel(rect.y) - around;

@@ -25,7 +25,7 @@ const LEAST: u32 = 6;
 /// So many times the frame's mean difference a pixel must have.
 const TIMES_NOISE: u32 = 6;
 
-/// Pixels of a blob may be so far from each other.
+/// Largest distance between neighbouring pixels of a blob.
 const GAP: usize = 4;
 
 /// Exponent of a blob's size in pixels in its score. 1/2 would be standard errors of independent pixels, which

@@ -29,7 +29,7 @@ use std::{format, fs, vec};
 /// The model that stands in the program itself.
 static SHIPPED: &[u8] = include_bytes!("../../../models/lookout.lkm");
 
-/// Parts of the method to leave out, to see what they are worth.
+/// Ablations: parts of the method to leave out.
 #[derive(Debug, Clone, Copy, Default, clap::Args, serde::Serialize)]
 pub struct Ablation {
     /// Ablation: no registration of older frames
@@ -326,7 +326,7 @@ fn process_all<E: From<PipelineError>>(
     Ok(Ended::Complete)
 }
 
-/// Does `work` where the core finds so many threads; 0: one a processor core.
+/// Runs `work` with this many threads for the core; 0: one per processor core.
 ///
 /// # Errors
 /// [`PipelineError::Threads`].

@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::vec::Vec;
 
-/// `work` on clips and their numbers, so many at a time (0: one a processor core), each on a thread of its own; none after Ctrl-C.
+/// Runs `work` on clips and their numbers, `jobs` at a time (0: one per processor core); `None` after Ctrl-C.
 ///
 /// # Errors
 /// The error of the first clip in their order that has one.

@@ -32,7 +32,7 @@ pub struct Snapshot {
     pub latency: Vec<Latency>,
     /// The links to autopilots and ground stations.
     pub links: Vec<Link>,
-    /// The autopilot in words, when one was heard.
+    /// Name of the autopilot, once one was received.
     pub autopilot: Option<String>,
     /// Whether it is gone.
     pub autopilot_lost: bool,
@@ -103,7 +103,7 @@ pub struct Track {
     pub level: Level,
     /// Whether enough detections agreed that it is there.
     pub confirmed: bool,
-    /// Whether the frame showed nothing of it and its place is foretold.
+    /// Whether the frame has no detection of it and its position is predicted.
     pub coasting: bool,
     /// Degrees to the right of the vehicle's nose.
     pub azimuth_deg: f64,

@@ -77,7 +77,7 @@ impl CameraMotion {
         self.height = self.height.max(least);
     }
 
-    /// Slows the flight down until it travels at most so many metres to each side of its middle.
+    /// Slows the flight down until it travels at most this many metres to each side of its middle.
     pub(super) fn limit_travel(&mut self, most: f64) {
         let travel = dot(self.velocity, self.velocity).sqrt() * self.seconds / 2.0;
         if travel > most {

@@ -177,7 +177,7 @@ impl Telemetry {
         })
     }
 
-    /// Lets time go on to `to_us`, with all that is heard and said until then.
+    /// Advances the time to `to_us`, with all messages received and sent until then.
     ///
     /// # Errors
     /// [`Error::Tlog`], [`FileError::Write`](crate::shell::support::file_error::FileError::Write).
@@ -208,7 +208,7 @@ impl Telemetry {
         Ok(())
     }
 
-    /// Waits, with links, until it is really as late as the flight is; hears what comes meanwhile.
+    /// With links: waits until real time has reached the flight's, and receives meanwhile.
     fn wait(&mut self, onboard: &mut Onboard) {
         let Some(links) = &mut self.links else { return };
         let started = *self.started.get_or_insert_with(Instant::now);

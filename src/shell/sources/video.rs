@@ -179,7 +179,7 @@ fn is_modern(version: &str) -> bool {
     }
 }
 
-/// Takes lines of `ffmpeg`'s log apart: times of frames into the channel, complaints to `heard`.
+/// Parses lines of `ffmpeg`'s log: times of frames into the channel, messages to `heard`.
 fn listener(heard: Arc<Mutex<Heard>>, times: Sender<Option<i64>>) -> Box<dyn FnMut(&str) + Send> {
     Box::new(move |line: &str| match parse(line) {
         Line::Time(time) => {

@@ -1,4 +1,4 @@
-//! Ctrl-C ends a run after the frame in hand; pressed again, at once. A service hears SIGHUP apart.
+//! Ctrl-C ends a run after the frame in hand; pressed again, at once. A service handles SIGHUP too.
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;

@@ -74,7 +74,7 @@ pub fn measure(
     Ok(Some(knots(detections.collect(), frames.len(), with_targets)))
 }
 
-/// Frames judged, and every detection that counts: score (Q16) and whether it is right.
+/// Number of frames, and every detection that counts: score (Q16) and whether it is right.
 fn count(
     clip: &Clip,
     frame: Option<FrameSize>,
@@ -98,7 +98,7 @@ fn count(
     Ok((judged.frames, judged.detections.iter().filter_map(outcome).collect()))
 }
 
-/// The table of these detections of so many kinds of clips, of which `with_targets` have targets.
+/// The table of these detections of `kinds` kinds of clips, of which `with_targets` have targets.
 fn knots(mut detections: Vec<Counted>, kinds: usize, with_targets: usize) -> Vec<Knot> {
     detections.sort_by_key(|detection| std::cmp::Reverse(detection.score));
     let (mut right, mut wrong) = (0.0, vec![0.0; kinds]);

@@ -21,7 +21,7 @@ pub(super) fn boost(
     grow(report, name, options.rounds, booster)
 }
 
-/// Boosts up to so many rounds with a progress bar and the log.
+/// Boosts with a progress bar and the log.
 pub(super) fn grow(
     report: &mut Report,
     name: &str,

@@ -45,7 +45,7 @@ pub struct Figures {
     pub in_use: InUse,
     /// Targets that the first method never found.
     pub misses: Vec<Strip>,
-    /// Its surest false alarms.
+    /// Its false alarms of highest score.
     pub false_alarms: Vec<Strip>,
 }
 
@@ -130,9 +130,9 @@ pub struct AtIou {
 /// Operating point of a method at a score.
 #[derive(Debug, Clone, Serialize)]
 pub struct OperatingPoint {
-    /// At most so many false alarms in 1000 frames; none: at any score.
+    /// Largest number of false alarms in 1000 frames; `None`: at any score.
     pub limit_per_1000_frames: Option<u64>,
-    /// The score; none where even the surest is too many.
+    /// The score; `None` where even the highest has too many.
     pub threshold: Option<f64>,
     /// Share of targets found.
     pub recall: Option<f64>,

@@ -17,7 +17,7 @@ use std::vec::Vec;
 
 /// Pictures of each kind.
 pub const COUNT: usize = 24;
-/// Of one clip at most, and so many frames apart.
+/// Largest number of pictures of one clip, and least distance between them in frames.
 pub const PER_CLIP: usize = 2;
 const APART: u64 = 15;
 /// A mistake and its picture.
@@ -68,7 +68,7 @@ pub fn misses(clips: &[Clip], matches: &[ClipMatches], truth: &[ClipTruth<'_>]) 
     worst(all)
 }
 
-/// False alarms: the surest first.
+/// False alarms, highest score first.
 pub fn false_alarms(clips: &[Clip], matches: &[ClipMatches], detected: &[Detected]) -> Vec<Strip> {
     let mut all = Vec::new();
     for (index, (clip, (matches, detected))) in

@@ -126,7 +126,7 @@ pub struct Taken {
     pub sequence: u32,
     /// Frames that the driver took and had no buffer for: gaps in its count.
     pub missed: u32,
-    /// Older frames that were ready as well and were not looked at.
+    /// Older frames that were ready too and were dropped.
     pub passed_over: u32,
     /// Frames that arrived incomplete or broken.
     pub damaged: u32,

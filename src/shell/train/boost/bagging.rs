@@ -50,7 +50,7 @@ impl Bagging {
         }
     }
 
-    /// Grows the forest from rows labelled -1 or 1; `tick` hears of each tree and may end it early.
+    /// Grows the forest from rows labelled -1 or 1; `tick` is called after each tree and may end it early.
     ///
     /// # Errors
     /// [`BoostError`] when options or data cannot be used.
