@@ -1,6 +1,6 @@
 //! Fields of a YAML or JSON document by name, without case, `_` and `-`.
 
-use super::CalibrationError;
+use super::error::CalibrationError;
 use serde_yaml_ng::Value;
 use std::borrow::ToOwned;
 use std::string::String;
