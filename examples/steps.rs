@@ -1,8 +1,8 @@
 //! Writes one picture for each step of the method, as AprilTag's debug pictures do for its detector: where a target is
 //! lost, the first picture without it names the step.
 //!
-//! `cargo run --release --example steps -- [FOLDER [INPUT [FRAME]]]` (default: `target/steps`, a simulated flight, its
-//! frame 45)
+//! `cargo run --release --example steps -- [FOLDER [INPUT [FRAME]]]` (default: `target/steps`, `sim` for a simulated flight,
+//! its frame 45)
 //!
 //! - `1-registration.png`: differences to the frame 3 frames back, as the camera saw it (left) and after the background's
 //!   motion is removed (right), 8 times as bright.
@@ -49,8 +49,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = env::args().skip(1);
     let folder = PathBuf::from(arguments.next().unwrap_or("target/steps".into()));
     let mut source: Box<dyn FrameSource> = match arguments.next() {
-        Some(input) => sources::open(&input)?,
-        None => Box::new(Simulated::new(&SimulateSettings::default())),
+        Some(input) if input != "sim" => sources::open(&input)?,
+        _ => Box::new(Simulated::new(&SimulateSettings::default())),
     };
     let wanted: usize = arguments.next().map_or(Ok(45), |number| number.parse())?;
     let mut frames: Vec<Frame> = Vec::new();
