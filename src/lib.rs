@@ -106,12 +106,6 @@ pub mod math;
     reason = "fixed-point numbers into the fields of messages, clamped before"
 )]
 pub mod mavlink;
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    reason = "sections of a file whose length is checked against 32 bits"
-)]
 pub mod model;
 #[allow(
     clippy::cast_possible_truncation,

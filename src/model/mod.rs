@@ -131,7 +131,13 @@ const fn header(version: u16) -> usize {
 /// Compile-time geometry that a model must match: window, cell, orientations, slices, channels of the map. The [`Method`]
 /// (3 bytes) follows it in the file.
 pub const GEOMETRY: [u8; 5] =
-    [WINDOW as u8, CELL as u8, ORIENTATIONS as u8, SLICES as u8, MAP_CHANNELS as u8];
+    [byte(WINDOW), byte(CELL), byte(ORIENTATIONS), byte(SLICES), byte(MAP_CHANNELS)];
+
+const fn byte(number: usize) -> u8 {
+    let [low, ..] = number.to_le_bytes();
+    assert!(low as usize == number);
+    low
+}
 
 /// Why bytes are not a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -227,10 +233,10 @@ pub fn checksum(bytes: &[u8]) -> u32 {
     crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(bytes)
 }
 
-fn word(bytes: &[u8], at: usize) -> usize {
+fn word(bytes: &[u8], at: usize) -> u32 {
     let mut word = [0; 4];
     word.copy_from_slice(&bytes[at..at + 4]);
-    u32::from_le_bytes(word) as usize
+    u32::from_le_bytes(word)
 }
 
 impl<'m> Model<'m> {
@@ -250,11 +256,11 @@ impl<'m> Model<'m> {
         if found < header {
             return Err(ModelError::Length { expected: header, found });
         }
-        let expected = word(bytes, 12);
+        let expected = word(bytes, 12) as usize;
         if found != expected {
             return Err(ModelError::Length { expected, found });
         }
-        if word(bytes, 16) as u32 != checksum(&bytes[20..]) {
+        if word(bytes, 16) != checksum(&bytes[20..]) {
             return Err(ModelError::Checksum);
         }
         let Some(method) = Method::of_header(bytes).filter(|_| bytes[20..25] == GEOMETRY) else {
@@ -263,7 +269,7 @@ impl<'m> Model<'m> {
         let mut sections = [&[][..]; Section::ALL.len()];
         let mut rest = &bytes[header..];
         for (i, section) in sections.iter_mut().take(Section::count(version)).enumerate() {
-            let length = word(bytes, 28 + 4 * i);
+            let length = word(bytes, 28 + 4 * i) as usize;
             let Some((head, tail)) = rest.split_at_checked(length) else {
                 return Err(ModelError::Length { expected: found + length - rest.len(), found });
             };
@@ -348,7 +354,7 @@ impl<'m> Model<'m> {
         if section as usize >= Section::count(version) {
             return &[];
         }
-        let length = |i: usize| word(self.bytes, 28 + 4 * i);
+        let length = |i: usize| word(self.bytes, 28 + 4 * i) as usize;
         let start = header(version) + (0..section as usize).map(length).sum::<usize>();
         &self.bytes[start..start + length(section as usize)]
     }
