@@ -88,7 +88,7 @@ pub struct Fit<'m> {
 
 impl Fit<'_> {
     /// The box of the object near `rect`, pixels of the frame: a quarter of `rect` and three quarters of the box after
-    /// [`MOVES`] moves. The errors of the two are partly independent: without that quarter AveP at IoU 0.5 is 0.011 less on
+    /// three moves. The errors of the two are partly independent: without that quarter AveP at IoU 0.5 is 0.011 less on
     /// real clips held back and 0.008 more on airborne flights, where 0.021 fewer are found at 10 false alarms in 1000
     /// frames.
     // Not inlined: the window is to be on the stack only where boxes are refined.
