@@ -31,8 +31,10 @@ impl<M: Written> MessageData for ByHand<M> {
     fn ser(&self, _version: MavlinkVersion, payload: &mut [u8]) -> usize {
         let bytes = self.0.bytes();
         let bytes = bytes.as_ref();
-        payload[..bytes.len()].copy_from_slice(bytes);
-        mavlink_core::utils::remove_trailing_zeroes(&payload[..bytes.len()])
+        let length = bytes.len().min(payload.len());
+        let payload = &mut payload[..length];
+        payload.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+        mavlink_core::utils::remove_trailing_zeroes(payload)
     }
 
     fn deser(_version: MavlinkVersion, _payload: &[u8]) -> Result<Self, ParserError> {
