@@ -14,6 +14,7 @@ use crate::image::{Image, Rect};
 use crate::math::fixed::exp2_q16;
 use crate::stcube::cube::{Cube, SCALARS, Scalar};
 use crate::stcube::feature::Features;
+use crate::stcube::spans::Ready;
 use crate::trees::Forest;
 use fixed::types::I28F4;
 
@@ -67,7 +68,8 @@ impl Fit<'_> {
         let mut end = rect;
         for _ in 0..MOVES {
             let window = cut(pyramid, &end, cube);
-            let test = |feature, threshold| self.features.exceeds(feature, threshold, cube);
+            let cube = &Ready::of_newest(cube);
+            let test = |feature, threshold| cube.exceeds(&self.features, feature, threshold);
             end = moved(&window, self.sides.each_ref().map(|forest| forest.score(test)));
         }
         mixed(&rect, &end)

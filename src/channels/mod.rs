@@ -86,10 +86,11 @@ impl<'a> DifferenceRow<'a> {
         match self {
             Self::Pixels(row) => row.fill_quarters(out),
             Self::Cells(row) => {
-                out.fill(0);
-                for (out, &mean) in out.iter_mut().zip(*row) {
+                let (inside, outside) = out.split_at_mut(row.len().min(out.len()));
+                for (out, &mean) in inside.iter_mut().zip(*row) {
                     *out = quarters(mean);
                 }
+                outside.fill(0);
             }
         }
     }
@@ -319,7 +320,7 @@ impl Newest<'_> {
     }
 }
 
-/// Channels of the newest frame: energies (0 where it has no orientations), magnitude, grey, differences.
+/// Channels of the newest frame: energies (whatever was there before where it has no orientations), magnitude, grey, differences.
 pub const CELL_CHANNELS: usize = ORIENTATIONS + 2 + DIFFERENCES;
 
 /// Which of them is the grey level; behind it are the differences.

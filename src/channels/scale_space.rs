@@ -182,6 +182,7 @@ impl Geometry {
     }
 
     /// Where the pictures of a level begin.
+    #[inline(never)]
     const fn start(&self, level: usize) -> usize {
         let (mut sum, mut i) = (0, 0);
         while i < level {
@@ -204,6 +205,7 @@ impl Geometry {
     }
 
     /// Where a picture of a level is, `slot` its place in the ring of frames.
+    #[inline(never)]
     pub fn place(&self, level: usize, picture: Picture, slot: usize) -> Range<usize> {
         let (kept, grey) = (self.kept(level), self.grey_len(level));
         let slot = slot % kept;

@@ -55,12 +55,39 @@ fn warp_rows(
         }
         return;
     }
+    // Knots below a row of blocks are those above the next one: of so many blocks they are kept.
+    const KEPT: usize = 32;
+    for start in (0..width).step_by(KEPT * BLOCK) {
+        let mut knots = [(0, 0); KEPT + 1];
+        for (x, place) in (start..width + BLOCK).step_by(BLOCK).zip(&mut knots) {
+            *place = knot(chain, octave, x, first);
+        }
+        warp_blocks(previous, current, octave, chain, (start, first), &mut knots, out);
+    }
+}
+
+/// Blocks of [`warp`] from pixel `start` on, as many as there are between `knots`, which are those of the first row of
+/// blocks and become those below the last.
+#[inline(always)]
+fn warp_blocks(
+    previous: Image<'_>,
+    current: Image<'_>,
+    octave: u32,
+    chain: &[Motion],
+    (start, first): (usize, usize),
+    knots: &mut [(i32, i32)],
+    out: &mut [u8],
+) {
+    let width = current.width();
     for (top, out) in (first..).step_by(BLOCK).zip(out.chunks_mut(BLOCK * width)) {
         let rows = out.len() / width;
-        let knot = |x, y| knot(chain, octave, x, y);
-        let mut left = [knot(0, top), knot(0, top + BLOCK)];
-        for x in (0..width).step_by(BLOCK) {
-            let right = [knot(x + BLOCK, top), knot(x + BLOCK, top + BLOCK)];
+        let knot = |x| knot(chain, octave, x, top + BLOCK);
+        let Some((corner, others)) = knots.split_first_mut() else { return };
+        let mut left = [*corner, knot(start)];
+        *corner = left[1];
+        for (x, upper) in (start..width).step_by(BLOCK).zip(others) {
+            let right = [*upper, knot(x + BLOCK)];
+            *upper = right[1];
             for j in 0..rows {
                 let y = top + j;
                 let start = between(left, j);

@@ -17,13 +17,21 @@ const REACH: usize = 5;
 /// Cells in that square.
 const AREA: u32 = (2 * REACH as u32 + 1) * (2 * REACH as u32 + 1);
 
-/// Map values of a cell outside the picture: nothing there, intensity that of its surroundings.
-const OUTSIDE: [u8; MAP_CHANNELS] = [0, 0, 0, 0, 0, 0, 0, 0, 128, 128, 0, 0, 0, 0, 0, 0];
+/// The byte of a map for a value of 0: they are kept less 128, see [`lanes::signed`](super::lanes::signed).
+const NOTHING: u8 = 128;
 
-/// Ratios in [`ROOT`]: the largest is 255 times the largest of [`RECIPROCAL`], Q8.
-const RATIOS: usize = 4096;
+/// Bytes of a cell outside the picture: nothing there, intensity that of its surroundings.
+const OUTSIDE: [u8; MAP_CHANNELS] = {
+    let mut outside = [NOTHING; MAP_CHANNELS];
+    (outside[8], outside[9]) = (128 ^ NOTHING, 128 ^ NOTHING);
+    outside
+};
 
-/// `8 * sqrt(i)`, at most 255: compresses ratios so that small ones keep their resolution.
+/// Ratios in [`ROOT`]: the largest is 255 times the largest of [`RECIPROCAL`], Q8. Where there is room for a table of all numbers
+/// of 16 bits, looking one up needs no check.
+const RATIOS: usize = if cfg!(feature = "simd") { 1 << 16 } else { 4096 };
+
+/// `8 * sqrt(i)`, at most 255, as a byte of a map: compresses ratios so that small ones keep their resolution.
 static ROOT: [u8; RATIOS] = {
     let mut table = [0; RATIOS];
     let mut root = 0u32;
@@ -32,7 +40,7 @@ static ROOT: [u8; RATIOS] = {
         while root < 255 && (root + 1) * (root + 1) <= 64 * i {
             root += 1;
         }
-        table[i as usize] = root as u8;
+        table[i as usize] = root as u8 ^ NOTHING;
         i += 1;
     }
     table
@@ -126,7 +134,7 @@ pub const fn strip_words(columns: usize) -> usize {
 pub struct Strip<'a> {
     /// Number of the first row.
     pub top: usize,
-    /// The rows, each [`PADDING`] cells wider than the level on either side.
+    /// The rows, values less 128, each [`PADDING`] cells wider than the level on either side.
     pub bytes: &'a [u8],
 }
 
@@ -236,19 +244,6 @@ impl<'a> Around<'a> {
         let cells = &self.ring[y % NEAR * length..][..length];
         let down = (y + REACH + 1).min(self.rows) - y.saturating_sub(REACH);
         let Self { columns, sums, temporaries, .. } = self;
-        // Reciprocals of fewer than five cells do not fit 16 bits.
-        let fewest = (REACH + 1).min(*columns) * down;
-        if !cfg!(feature = "simd") || fewest < 5 {
-            let row = Row {
-                cells,
-                around: &[],
-                columns: *columns,
-                down,
-                oriented: self.newest.oriented,
-                loud,
-            };
-            return map_row_by_cells(&row, sums, out);
-        }
         let (around, rest) = temporaries.split_at_mut(AVERAGED.len() * *columns);
         let (pairs, fours) = rest[..2 * sums_len(*columns)].split_at_mut(sums_len(*columns));
         sum_across(*columns, sums, around, [pairs, fours]);
@@ -276,6 +271,10 @@ fn change_sums<const ADD: bool>(columns: usize, cells: &[u8], sums: &mut [u16]) 
 fn sum_across(columns: usize, sums: &[u16], around: &mut [u16], [pairs, fours]: [&mut [u16]; 2]) {
     let planes = around.chunks_exact_mut(columns);
     for (out, sums) in planes.zip(sums.chunks_exact(sums_len(columns))) {
+        if !cfg!(feature = "simd") {
+            sum_along(sums, out);
+            continue;
+        }
         // 11 columns are 4 and 4 and 2 and 1.
         for ((pair, a), b) in pairs.iter_mut().zip(sums).zip(&sums[1..]) {
             *pair = a + b;
@@ -287,6 +286,17 @@ fn sum_across(columns: usize, sums: &[u16], around: &mut [u16], [pairs, fours]: 
         for (out, (((a, b), c), d)) in out.iter_mut().zip(ends) {
             *out = a + b + c + d;
         }
+    }
+}
+
+/// [`sum_across`] of one channel, cell by cell: for processors without vector instructions.
+fn sum_along(sums: &[u16], out: &mut [u16]) {
+    let (first, rest) = sums.split_at(NEAR - 1);
+    let mut sum: u16 = first.iter().sum();
+    for ((out, new), gone) in out.iter_mut().zip(rest).zip(sums) {
+        sum += new;
+        *out = sum;
+        sum -= gone;
     }
 }
 
@@ -338,7 +348,7 @@ fn map_row(row: Row<'_>, temporaries: &mut [u16], out: &mut [u8]) {
         let out = plane();
         match row.oriented {
             true => ratios(row.cells(channel), energy, indices, out),
-            false => out.fill(0),
+            false => out.fill(NOTHING),
         }
     }
     let magnitude = row.cells(MAGNITUDE);
@@ -354,83 +364,6 @@ fn map_row(row: Row<'_>, temporaries: &mut [u16], out: &mut [u8]) {
     look_up(magnitude, |magnitude| RECIPROCAL[usize::from(magnitude) * 4], energy);
     ratios(plain, energy, indices, plane());
     ratios(far_cells, far, indices, plane());
-}
-
-/// As [`sum_across`] and [`map_row`], cell by cell: for processors without vector instructions. `sums` are those of columns.
-fn map_row_by_cells(row: &Row<'_>, sums: &[u16], out: &mut [u8]) {
-    let (columns, width) = (row.columns, row.columns + 2 * PADDING);
-    let out = &mut out[..width * MAP_CHANNELS];
-    let length = sums_len(columns);
-    let mut around = [0; AVERAGED.len()];
-    for (around, sums) in around.iter_mut().zip(sums.chunks_exact(length)) {
-        *around = sums[..NEAR - 1].iter().sum();
-    }
-    let mut inside = (0, 0);
-    for x in 0..columns {
-        // Sums of the columns on the right are added, and when the cell is done those on the left taken away.
-        for (around, sums) in around.iter_mut().zip(sums.chunks_exact(length)) {
-            *around += sums[x + NEAR - 1];
-        }
-        // Cells of the square that lie in the picture, and their Q18 reciprocal: they change near edges only.
-        let across = (x + REACH + 1).min(columns) - x.saturating_sub(REACH);
-        let count = (across * row.down) as u32;
-        if inside.0 != count {
-            inside = (count, (1u32 << 18).div_ceil(count));
-        }
-        let cell = from_fn(|channel| row.cells[channel * columns + x]);
-        let values = map_cell(row, &cell, &around, inside.1);
-        for (plane, value) in out.chunks_exact_mut(width).zip(values) {
-            plane[PADDING + x] = value;
-        }
-        for (around, sums) in around.iter_mut().zip(sums.chunks_exact(length)) {
-            *around -= sums[x];
-        }
-    }
-}
-
-/// The map of a cell with the sums over the square around it; `inside` is the Q18 reciprocal of its cells.
-#[inline(always)]
-fn map_cell(
-    row: &Row<'_>,
-    cell: &[u8; CELL_CHANNELS],
-    around: &[u16; AVERAGED.len()],
-    inside: u32,
-) -> [u8; MAP_CHANNELS] {
-    let [magnitude_around, grey_around, far_around, near_around] = *around;
-    let ratio = |value: u8, reciprocal: u16| {
-        ROOT[((u32::from(value) * u32::from(reciprocal)) >> 8) as usize % RATIOS]
-    };
-    let energy = RECIPROCAL[quarter_mean(magnitude_around) & 1023];
-    let [a, b, c, d, e, f, magnitude, grey, far, near, plain] = *cell;
-    let against_energy = |value: u8| ratio(value, energy);
-    let mean = (u32::from(grey_around) * inside) >> 16;
-    let above = i32::from(grey) * 4 - mean as i32;
-    let byte = |value: i32| (128 + value).clamp(0, 255) as u8;
-    let local = |value: u8, sum: u16| ratio(value, RECIPROCAL[quarter_mean(sum) & 1023]);
-    let [a, b, c, d, e, f] = match row.oriented {
-        true => [a, b, c, d, e, f].map(against_energy),
-        false => [0; ORIENTATIONS],
-    };
-    let [far_loud, near_loud, plain_loud] = row.loud;
-    [
-        a,
-        b,
-        c,
-        d,
-        e,
-        f,
-        against_energy(magnitude),
-        QUARTER_ROOT[usize::from(magnitude)],
-        byte((above * i32::from(energy)) >> 10),
-        byte(above >> 1),
-        far_loud[usize::from(far)],
-        near_loud[usize::from(near)],
-        plain_loud[usize::from(plain)],
-        local(near, near_around),
-        // The plain difference against the magnitude of the cell alone.
-        ratio(plain, RECIPROCAL[usize::from(magnitude) * 4]),
-        local(far, far_around),
-    ]
 }
 
 /// [`ROOT`] of four times a magnitude.
@@ -480,25 +413,24 @@ fn intensity(row: &Row<'_>, energy: &[u16], means: &mut [u16], [relative, half]:
     let columns = row.columns;
     let (grey, around) = (row.cells(GREY), row.around(1));
     // Q18 reciprocal of the cells of the square that lie in the picture: they change near edges only.
-    let inside = |x: usize| {
-        let across = (x + REACH + 1).min(columns) - x.saturating_sub(REACH);
-        (1u32 << 18).div_ceil((across * row.down) as u32) as u16
-    };
-    let whole = (1u32 << 18).div_ceil((NEAR * row.down) as u32) as u16;
+    let reciprocal = |across: usize| (1u32 << 18).div_ceil((across * row.down) as u32);
+    let whole = reciprocal(NEAR) as u16;
     for (mean, &sum) in means.iter_mut().zip(around) {
         *mean = high(sum, whole);
     }
-    for x in (0..REACH.min(columns)).chain(columns.saturating_sub(REACH)..columns) {
-        means[x] = high(around[x], inside(x));
+    let edges = (0..REACH.min(columns)).chain(columns.saturating_sub(REACH)..columns);
+    for x in edges {
+        let across = (x + REACH + 1).min(columns) - x.saturating_sub(REACH);
+        means[x] = ((u32::from(around[x]) * reciprocal(across)) >> 16) as u16;
     }
     let above = |grey: u8, mean: u16| i16::from(grey) * 4 - mean.cast_signed();
     for ((out, &grey), &mean) in half.iter_mut().zip(grey).zip(&*means) {
-        *out = (128 + (above(grey, mean) >> 1)).clamp(0, 255) as u8;
+        *out = (above(grey, mean) >> 1).clamp(-128, 127) as u8;
     }
     for (((out, &grey), &mean), &energy) in relative.iter_mut().zip(grey).zip(&*means).zip(energy) {
         // Both factors have 15 bits: six more than what counts of the product.
         let product = i32::from(above(grey, mean) << 4) * i32::from((energy << 2).cast_signed());
-        *out = (128 + (product >> 16) as i16).clamp(0, 255) as u8;
+        *out = ((product >> 16) as i16).clamp(-128, 127) as u8;
     }
 }
 
@@ -527,7 +459,7 @@ mod tests {
             assert!(rows.remainder().is_empty());
             let cells: Vec<[u8; MAP_CHANNELS]> = rows
                 .flat_map(|row| {
-                    (0..width).map(move |x| from_fn(|channel| row[channel * width + x]))
+                    (0..width).map(move |x| from_fn(|channel| row[channel * width + x] ^ 128))
                 })
                 .collect();
             let known = map.len() - strip.top * (columns + 2 * PADDING);
@@ -552,10 +484,11 @@ mod tests {
         let mut words = vec![0; noise_words(width / 2, height / 2)];
         let cells = whole(&newest, noise(&newest, &mut words), (13, 9));
         let stride = width / 2 + 2 * PADDING;
+        let outside = OUTSIDE.map(|byte| byte ^ 128);
         let at = |x: usize, y: usize| cells[(y + PADDING) * stride + x + PADDING];
         assert_eq!(cells.len(), stride * (height / 2 + 2 * PADDING));
-        assert_eq!((cells[0], cells[cells.len() - 1]), (OUTSIDE, OUTSIDE));
-        assert_eq!(at(3, 3), OUTSIDE);
+        assert_eq!((cells[0], cells[cells.len() - 1]), (outside, outside));
+        assert_eq!(at(3, 3), outside);
         let dot = at(15, 10);
         assert!(dot[6] > 100 && dot[8] < 100 && dot[9] < 30 && dot[11] > 200, "{dot:?}");
         assert_eq!(dot[10], 0);
@@ -620,7 +553,7 @@ mod tests {
                 let stride = columns + 2 * PADDING;
                 let (x, y) = ((place % stride).wrapping_sub(PADDING), (place / stride).wrapping_sub(PADDING));
                 if x >= columns || y >= rows {
-                    prop_assert_eq!(got, &OUTSIDE);
+                    prop_assert_eq!(got, &OUTSIDE.map(|byte| byte ^ 128));
                     continue;
                 }
                 // Sum over the part of the square of 11 x 11 cells that lies in the picture, and its cells.
@@ -668,29 +601,15 @@ mod tests {
         }
 
         #[test]
-        fn rows_agree_with_their_cells(
-            columns in 1..90usize, down in 6..12usize, oriented: bool, calm in prop::array::uniform3(0..2049u32),
-            few in 1..200u8, seed in prop::collection::vec(any::<u8>(), 1500),
-        ) {
-            let value = |i: usize| seed[i % seed.len()] / few;
-            let cells: Vec<u8> = (0..columns * CELL_CHANNELS).map(value).collect();
-            // Sums of columns: of up to 11 values, outside of the picture of none.
-            let length = sums_len(columns);
-            let sum = |i: usize| match (i % length).checked_sub(REACH) {
-                Some(x) if x < columns => down as u16 * u16::from(value(i * 7)),
-                _ => 0,
-            };
-            let sums: Vec<u16> = (0..AVERAGED.len() * length).map(sum).collect();
-            let loud = calm.map(super::loud);
-            let mut around = vec![0xa5a5; AVERAGED.len() * columns];
-            let mut rest = [vec![0xa5a5; length], vec![0xa5a5; length]];
-            sum_across(columns, &sums, &mut around, rest.each_mut().map(Vec::as_mut_slice));
-            let row = Row { cells: &cells, around: &around, columns, down, oriented, loud: &loud };
-            let outside = (columns + 2 * PADDING) * MAP_CHANNELS;
-            let (mut planes, mut by_cells) = (vec![0; outside], vec![0; outside]);
-            map_row(row, &mut vec![0xa5a5; 4 * columns], &mut planes);
-            map_row_by_cells(&row, &sums, &mut by_cells);
-            prop_assert_eq!(planes, by_cells);
+        fn sums_along_are_sums_across(columns in 1..90usize, seed in prop::collection::vec(0..2806u16, 100)) {
+            let sums = &seed[..sums_len(columns)];
+            let (mut across, mut along) = (vec![0; columns], vec![0; columns]);
+            let mut rest = [vec![0xa5a5; sums.len()], vec![0xa5a5; sums.len()]];
+            sum_across(columns, sums, &mut across, rest.each_mut().map(Vec::as_mut_slice));
+            sum_along(sums, &mut along);
+            let naive: Vec<u16> = sums.windows(NEAR).map(|sums| sums.iter().sum()).collect();
+            prop_assert_eq!(&across, &naive);
+            prop_assert_eq!(&along, &naive);
         }
 
         #[test]

@@ -9,7 +9,7 @@
 
 use crate::channels::window::WINDOW;
 use crate::scan::aggregate::MAP_CHANNELS;
-use crate::trees::{Forest, Tree};
+use crate::trees::{Forest, Node, Tree};
 
 /// Values in a row of a window's map.
 const ROW: usize = WINDOW * MAP_CHANNELS;
@@ -24,6 +24,19 @@ pub fn offset(feature: u16, width: usize) -> usize {
     let (row, column, channel) =
         (feature / ROW, feature % ROW / MAP_CHANNELS, feature % MAP_CHANNELS);
     (row * MAP_CHANNELS + channel) * width + column
+}
+
+/// A value of a map from its byte, or the other way round: bytes are kept less 128, since vector instructions compare signed
+/// numbers.
+#[inline(always)]
+pub const fn signed(byte: u8) -> i8 {
+    (byte ^ 128).cast_signed()
+}
+
+/// Whether the value in a byte of a map is above a threshold.
+#[inline(always)]
+pub fn is_above(byte: u8, threshold: u16) -> bool {
+    u16::from(byte ^ 128) > threshold
 }
 
 /// Trees that are prepared for a map; windows that outlive them go on in the model's bytes. 56 bytes each, on the stack.
@@ -87,43 +100,74 @@ impl Lanes {
 struct Prepared {
     /// Of each node where its value is, from the value of feature 0.
     offsets: [u32; NODES],
-    /// To the right where the value is above.
-    thresholds: [u8; NODES],
-    /// Low bytes of the leaves, then high bytes.
-    leaves: [u8; 16],
+    /// To the right where the byte, signed, is at least this.
+    limits: [i8; NODES],
+    /// Little-endian.
+    leaves: [[u8; 2]; NODES + 1],
     reject: i16,
 }
 
 impl Prepared {
-    const NONE: Self =
-        Self { offsets: [0; NODES], thresholds: [0; NODES], leaves: [0; 16], reject: i16::MIN };
+    const NONE: Self = Self {
+        offsets: [0; NODES],
+        limits: [0; NODES],
+        leaves: [[0; 2]; NODES + 1],
+        reject: i16::MIN,
+    };
 
     fn new(tree: &Tree<'_>, width: usize) -> Self {
         let mut prepared =
             Self { reject: tree.reject_threshold().max(-32768) as i16, ..Self::NONE };
-        let places = prepared.offsets.iter_mut().zip(&mut prepared.thresholds);
-        for ((place, threshold), node) in places.zip(tree.nodes()) {
+        let places = prepared.offsets.iter_mut().zip(&mut prepared.limits);
+        for ((place, limit), node) in places.zip(tree.nodes()) {
             *place = offset(node.feature, width) as u32;
-            // No byte is above 255.
-            *threshold = node.threshold.min(255) as u8;
+            *limit = signed(node.threshold.saturating_add(1).min(255) as u8);
         }
-        let (low, high) = prepared.leaves.split_at_mut(8);
-        for ((low, high), leaf) in low.iter_mut().zip(high).zip(tree.leaves()) {
-            [*low, *high] = leaf.to_le_bytes();
+        for (leaf, value) in prepared.leaves.iter_mut().zip(tree.leaves()) {
+            *leaf = value.to_le_bytes();
+        }
+        // From below, so that what is copied is what it should be.
+        for (node, Node { threshold, .. }) in tree.nodes().enumerate().rev() {
+            if threshold >= 255 {
+                prepared.never_right(node);
+            }
         }
         prepared
     }
 
+    /// No value is above the threshold of `node`: what is to its right becomes what is to its left.
+    fn never_right(&mut self, node: usize) {
+        let (mut first, mut count) = (2 * node + 1, 1);
+        while first < NODES {
+            self.offsets.copy_within(first..first + count, first + count);
+            self.limits.copy_within(first..first + count, first + count);
+            (first, count) = (2 * first + 1, 2 * count);
+        }
+        first -= NODES;
+        self.leaves.copy_within(first..first + count, first + count);
+    }
+
     #[inline(always)]
     fn leaf(&self, window: &[u8]) -> i16 {
-        let mut i = 1;
-        for _ in 0..3 {
-            let node = (i - 1) % 8;
-            let above = window[self.offsets[node] as usize] > self.thresholds[node];
-            i = 2 * i + usize::from(above);
-        }
-        let leaf = i % 8;
-        i16::from_le_bytes([self.leaves[leaf], self.leaves[8 + leaf]])
+        let right =
+            |node: usize| window[self.offsets[node] as usize].cast_signed() >= self.limits[node];
+        let leaf = if cfg!(feature = "simd") {
+            // Without branches, which a processor of many stages foretells wrongly at every second node.
+            let mut i = 1;
+            for _ in 0..3 {
+                i = 2 * i + usize::from(right((i - 1) % 8));
+            }
+            i % 8
+        } else {
+            // A microcontroller saves what numbers of nodes cost.
+            match right(0) {
+                false if right(1) => 2 + usize::from(right(4)),
+                false => usize::from(right(3)),
+                true if right(2) => 6 + usize::from(right(6)),
+                true => 4 + usize::from(right(5)),
+            }
+        };
+        i16::from_le_bytes(self.leaves[leaf])
     }
 }
 
@@ -216,7 +260,7 @@ impl<'m> Cascade<'m> {
             }
         }
         let test = |feature: u16, threshold: u16| {
-            u16::from(window[offset(feature, windows.width)]) > threshold
+            is_above(window[offset(feature, windows.width)], threshold)
         };
         self.forest.cascade_from(self.trees, i32::from(score), test)
     }
@@ -279,6 +323,8 @@ macro_rules! in_lanes {
             first: usize,
             survivors: &mut impl FnMut(usize, usize, i16),
         ) {
+            // No load is behind this; the compiler knows then that all of it is there.
+            let Some(last) = bytes.len().checked_sub(LANES) else { return };
             let mut alive = lanes_from(first);
             let mut sums = splat_sums(cascade.bias());
             let mut mask = 0;
@@ -286,16 +332,17 @@ macro_rules! in_lanes {
             let trees = cascade.trees();
             for pair in trees.chunks(2) {
                 for prepared in pair {
-                    // Whether the value is not above the threshold: to the left.
+                    // Where to go on to the left.
                     let left = |node: usize| {
                         let at = prepared.offsets[node] as usize;
-                        not_above(load(&bytes[at..at + LANES]), prepared.thresholds[node])
+                        assert!(at <= last, "a window ends within the map");
+                        step(load(&bytes[at..at + LANES]), prepared, node)
                     };
                     let (a, b, c) = (left(0), left(1), left(2));
                     let (d, e, f, g) = (left(3), left(4), left(5), left(6));
                     let second = pick(a, b, c);
                     let third = pick(a, pick(b, d, e), pick(c, f, g));
-                    let (low, high) = leaves(&prepared.leaves, a, second, third);
+                    let (low, high) = leaves(prepared, a, second, third);
                     sums = add(sums, low, high);
                     alive = and_not_below(alive, sums, prepared.reject);
                 }
@@ -354,7 +401,7 @@ fn in_neon(cascade: &Cascade<'_>, windows: &Windows<'_>, survivors: Survivors<'_
 /// Operations on 16 bytes and 16 sums.
 #[cfg(all(feature = "simd", target_arch = "x86_64"))]
 mod sse41 {
-    use super::{Cascade, Survivors, Windows, scalar};
+    use super::{Cascade, Prepared, Survivors, Windows, scalar};
     use core::arch::x86_64::*;
 
     const LANES: usize = 16;
@@ -384,9 +431,8 @@ mod sse41 {
 
     #[inline]
     #[target_feature(enable = "sse4.1")]
-    fn not_above(value: Bytes, threshold: u8) -> Bytes {
-        let threshold = _mm_set1_epi8(threshold as i8);
-        _mm_cmpeq_epi8(_mm_max_epu8(value, threshold), threshold)
+    fn step(value: Bytes, prepared: &Prepared, node: usize) -> Bytes {
+        _mm_cmpgt_epi8(_mm_set1_epi8(prepared.limits[node]), value)
     }
 
     #[inline]
@@ -398,14 +444,15 @@ mod sse41 {
     /// Low and high bytes of the leaves.
     #[inline]
     #[target_feature(enable = "sse4.1")]
-    fn leaves(table: &[u8; 16], first: Bytes, second: Bytes, third: Bytes) -> (Bytes, Bytes) {
-        // The leaf's number from masks of the steps to the left, -1 each: 7 + 4 a + 2 b + c.
-        let steps = _mm_add_epi8(_mm_add_epi8(first, first), second);
-        let number = _mm_add_epi8(_mm_add_epi8(steps, steps), third);
-        let table = load(table);
+    fn leaves(prepared: &Prepared, a: Bytes, b: Bytes, c: Bytes) -> (Bytes, Bytes) {
+        // The leaf's number from masks of the steps to the left, -1 each, is 7 + 4 a + 2 b + c; twice that is its place.
+        let number = _mm_add_epi8(_mm_add_epi8(a, a), b);
+        let number = _mm_add_epi8(_mm_add_epi8(number, number), c);
+        let place = _mm_add_epi8(number, number);
+        let table = load(prepared.leaves.as_flattened());
         (
-            _mm_shuffle_epi8(table, _mm_add_epi8(number, _mm_set1_epi8(7))),
-            _mm_shuffle_epi8(table, _mm_add_epi8(number, _mm_set1_epi8(15))),
+            _mm_shuffle_epi8(table, _mm_add_epi8(place, _mm_set1_epi8(14))),
+            _mm_shuffle_epi8(table, _mm_add_epi8(place, _mm_set1_epi8(15))),
         )
     }
 
@@ -449,7 +496,7 @@ mod sse41 {
 /// by itself: the first sums are those of lanes 0 to 7 and 16 to 23.
 #[cfg(all(feature = "simd", target_arch = "x86_64"))]
 mod avx2 {
-    use super::{Cascade, Survivors, Windows, scalar};
+    use super::{Cascade, Prepared, Survivors, Windows, scalar};
     use core::arch::x86_64::*;
 
     const LANES: usize = 32;
@@ -480,9 +527,8 @@ mod avx2 {
 
     #[inline]
     #[target_feature(enable = "avx2")]
-    fn not_above(value: Bytes, threshold: u8) -> Bytes {
-        let threshold = _mm256_set1_epi8(threshold as i8);
-        _mm256_cmpeq_epi8(_mm256_max_epu8(value, threshold), threshold)
+    fn step(value: Bytes, prepared: &Prepared, node: usize) -> Bytes {
+        _mm256_cmpgt_epi8(_mm256_set1_epi8(prepared.limits[node]), value)
     }
 
     #[inline]
@@ -494,16 +540,17 @@ mod avx2 {
     /// Low and high bytes of the leaves.
     #[inline]
     #[target_feature(enable = "avx2")]
-    fn leaves(table: &[u8; 16], first: Bytes, second: Bytes, third: Bytes) -> (Bytes, Bytes) {
-        // The leaf's number from masks of the steps to the left, -1 each: 7 + 4 a + 2 b + c.
-        let steps = _mm256_add_epi8(_mm256_add_epi8(first, first), second);
-        let number = _mm256_add_epi8(_mm256_add_epi8(steps, steps), third);
-        let (parts, _) = table.as_chunks::<8>();
-        let table = _mm_set_epi64x(i64::from_le_bytes(parts[1]), i64::from_le_bytes(parts[0]));
-        let table = _mm256_broadcastsi128_si256(table);
+    fn leaves(prepared: &Prepared, a: Bytes, b: Bytes, c: Bytes) -> (Bytes, Bytes) {
+        // The leaf's number from masks of the steps to the left, -1 each, is 7 + 4 a + 2 b + c; twice that is its place.
+        let number = _mm256_add_epi8(_mm256_add_epi8(a, a), b);
+        let number = _mm256_add_epi8(_mm256_add_epi8(number, number), c);
+        let place = _mm256_add_epi8(number, number);
+        let (parts, _) = prepared.leaves.as_flattened().as_chunks::<8>();
+        let (low, high) = (i64::from_le_bytes(parts[0]), i64::from_le_bytes(parts[1]));
+        let table = _mm256_set_epi64x(high, low, high, low);
         (
-            _mm256_shuffle_epi8(table, _mm256_add_epi8(number, _mm256_set1_epi8(7))),
-            _mm256_shuffle_epi8(table, _mm256_add_epi8(number, _mm256_set1_epi8(15))),
+            _mm256_shuffle_epi8(table, _mm256_add_epi8(place, _mm256_set1_epi8(14))),
+            _mm256_shuffle_epi8(table, _mm256_add_epi8(place, _mm256_set1_epi8(15))),
         )
     }
 
@@ -549,7 +596,7 @@ mod avx2 {
 /// Operations on 16 bytes and 16 sums.
 #[cfg(all(feature = "simd", target_arch = "aarch64"))]
 mod neon {
-    use super::{Cascade, Survivors, Windows, scalar};
+    use super::{Cascade, Prepared, Survivors, Windows, scalar};
     use core::arch::aarch64::*;
 
     const LANES: usize = 16;
@@ -580,8 +627,8 @@ mod neon {
 
     #[inline]
     #[target_feature(enable = "neon")]
-    fn not_above(value: Bytes, threshold: u8) -> Bytes {
-        vcleq_u8(value, vdupq_n_u8(threshold))
+    fn step(value: Bytes, prepared: &Prepared, node: usize) -> Bytes {
+        vcltq_s8(vreinterpretq_s8_u8(value), vdupq_n_s8(prepared.limits[node]))
     }
 
     #[inline]
@@ -593,14 +640,15 @@ mod neon {
     /// Low and high bytes of the leaves.
     #[inline]
     #[target_feature(enable = "neon")]
-    fn leaves(table: &[u8; 16], first: Bytes, second: Bytes, third: Bytes) -> (Bytes, Bytes) {
-        // The leaf's number from masks of the steps to the left, -1 each: 7 + 4 a + 2 b + c.
-        let steps = vaddq_u8(vaddq_u8(first, first), second);
-        let number = vaddq_u8(vaddq_u8(steps, steps), third);
-        let table = load(table);
+    fn leaves(prepared: &Prepared, a: Bytes, b: Bytes, c: Bytes) -> (Bytes, Bytes) {
+        // The leaf's number from masks of the steps to the left, -1 each, is 7 + 4 a + 2 b + c; twice that is its place.
+        let number = vaddq_u8(vaddq_u8(a, a), b);
+        let number = vaddq_u8(vaddq_u8(number, number), c);
+        let place = vaddq_u8(number, number);
+        let table = load(prepared.leaves.as_flattened());
         (
-            vqtbl1q_u8(table, vaddq_u8(number, vdupq_n_u8(7))),
-            vqtbl1q_u8(table, vaddq_u8(number, vdupq_n_u8(15))),
+            vqtbl1q_u8(table, vaddq_u8(place, vdupq_n_u8(14))),
+            vqtbl1q_u8(table, vaddq_u8(place, vdupq_n_u8(15))),
         )
     }
 
@@ -651,7 +699,7 @@ mod neon {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trees::{Node, encode};
+    use crate::trees::encode;
     use proptest::prelude::*;
     use std::vec;
     use std::vec::Vec;
@@ -676,7 +724,7 @@ mod tests {
             for column in 0..windows.count.0 {
                 let window = windows.from(column, row);
                 let test = |feature: u16, threshold: u16| {
-                    u16::from(window[offset(feature, windows.width)]) > threshold
+                    is_above(window[offset(feature, windows.width)], threshold)
                 };
                 found.extend(forest.cascade(test).map(|score| (column, row, score)));
             }

@@ -79,9 +79,15 @@ impl Spans {
         return Ready { cube };
         #[cfg(feature = "simd")]
         {
-            for (sum, (first, last)) in self.sums.iter_mut().zip(ENDS) {
-                add_up(&cube.slices.each_ref().map(|patch| &patch.corners), first, last, sum);
-            }
+            // In the order of [`ENDS`]; the longer runs are shorter ones and a slice.
+            let [a, b, c, d] = cube.slices.each_ref().map(|patch| &patch.corners);
+            let [ab, abc, abcd, bc, bcd, cd] = &mut self.sums;
+            add(a, b, ab);
+            add(ab, c, abc);
+            add(abc, d, abcd);
+            add(b, c, bc);
+            add(bc, d, bcd);
+            add(c, d, cd);
             let mut tables = [&cube.newest.corners; ROOM];
             for (table, patch) in tables.iter_mut().zip(&cube.slices) {
                 *table = &patch.corners;
@@ -89,28 +95,41 @@ impl Spans {
             for (table, sum) in tables[SLICES..].iter_mut().zip(&self.sums) {
                 *table = sum;
             }
-            let whole = tables
-                .map(|table| core::array::from_fn(|channel| Region::WHOLE.sum(table, channel)));
-            Ready { cube, tables, whole }
+            Ready { cube, tables, whole: tables.map(whole) }
         }
     }
 }
 
-/// The sum of slices `first` to `last`.
+/// Sums over the whole window.
+#[cfg(feature = "simd")]
+fn whole(table: &Corners) -> [u32; CHANNELS] {
+    core::array::from_fn(|channel| Region::WHOLE.sum(table, channel))
+}
+
+/// The sum of two tables.
 #[cfg(feature = "simd")]
 #[multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1"))]
-fn add_up(slices: &[&Corners; SLICES], first: usize, last: usize, sum: &mut Corners) {
-    *sum = *slices[first];
-    for slice in &slices[first + 1..=last] {
-        for (sum, values) in sum.iter_mut().zip(slice.iter()) {
-            for (sum, value) in sum.iter_mut().zip(values) {
-                *sum += value;
-            }
-        }
+fn add(first: &Corners, second: &Corners, sum: &mut Corners) {
+    let values = first.as_flattened().iter().zip(second.as_flattened());
+    for (sum, (a, b)) in sum.as_flattened_mut().iter_mut().zip(values) {
+        *sum = a + b;
     }
 }
 
-impl Ready<'_> {
+impl<'a> Ready<'a> {
+    /// A cube of which features of the newest slice alone are asked; others would get those of the newest frame.
+    pub fn of_newest(cube: &'a Cube) -> Self {
+        #[cfg(not(feature = "simd"))]
+        return Self { cube };
+        #[cfg(feature = "simd")]
+        {
+            let (slice, newest) = (&cube.slices[0].corners, &cube.newest.corners);
+            let (mut tables, mut sums) = ([newest; ROOM], [whole(newest); ROOM]);
+            (tables[0], sums[0]) = (slice, whole(slice));
+            Self { cube, tables, whole: sums }
+        }
+    }
+
     /// Whether feature `number` of the cube exceeds `threshold`.
     #[inline]
     pub fn exceeds(&self, features: &Features<'_>, number: u16, threshold: u16) -> bool {
@@ -180,6 +199,10 @@ mod tests {
                 for threshold in thresholds.iter().copied().chain(around) {
                     let want = feature.exceeds(&cube.slices, &cube.newest, &cube.scalars, threshold);
                     prop_assert_eq!(ready.feature_exceeds(&feature, threshold), want, "{:?} {}", feature, threshold);
+                    if feature.t == (0, 1) {
+                        let newest = Ready::of_newest(&cube);
+                        prop_assert_eq!(newest.feature_exceeds(&feature, threshold), want, "{:?} {}", feature, threshold);
+                    }
                 }
             }
         }
