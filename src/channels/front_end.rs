@@ -10,6 +10,7 @@ use crate::channels::window::SLICES;
 use crate::channels::{Newest, Slice};
 use crate::image::Image;
 use crate::image::pyramid;
+use crate::math::slices;
 use crate::registration::warp;
 use crate::registration::{self, LEVELS, Motion};
 
@@ -103,10 +104,10 @@ impl FrontEnd {
 
     fn divide<'a>(&self, bytes: &'a mut [u8]) -> Divided<'a> {
         let (width, height, history) = (self.width, self.height, self.geometry.history());
-        let (frames, rest) = bytes.split_at_mut(history.frames() * width * height);
-        let (halves, rest) = rest.split_at_mut(history.halves() * pixels(width, height, 1));
-        let (coarse, rest) = rest.split_at_mut(history.coarse() * coarse_len(width, height));
-        let (levels, scratch) = rest.split_at_mut(self.geometry.bytes_len());
+        let (frames, rest) = slices::split_mut(bytes, history.frames() * width * height);
+        let (halves, rest) = slices::split_mut(rest, history.halves() * pixels(width, height, 1));
+        let (coarse, rest) = slices::split_mut(rest, history.coarse() * coarse_len(width, height));
+        let (levels, scratch) = slices::split_mut(rest, self.geometry.bytes_len());
         Divided { frames, halves, coarse, levels, scratch }
     }
 
@@ -143,14 +144,14 @@ impl FrontEnd {
         let Divided { frames, halves, coarse, .. } = self.divide(bytes);
         if !frames.is_empty() {
             let newest = place(frames, width * height, self.frames.place(0));
-            for (y, row) in newest.chunks_exact_mut(width).enumerate() {
-                row.copy_from_slice(frame.row(y));
+            for (y, row) in slices::rows_mut(newest, width).enumerate() {
+                slices::copy(frame.row(y), row);
             }
         }
         let half = place(halves, pixels(width, height, 1), self.halves.place(0));
         pyramid::halve(frame, half);
         let coarse_half = place(coarse, coarse_len(width, height), self.coarse.place(0));
-        let (quarter, eighth) = coarse_half.split_at_mut(pixels(width, height, 2));
+        let (quarter, eighth) = slices::split_mut(coarse_half, pixels(width, height, 2));
         pyramid::halve(picture(half, width, height, 1), quarter);
         pyramid::halve(picture(quarter, width, height, 2), eighth);
         if self.method.registration {
@@ -179,7 +180,7 @@ impl FrontEnd {
         let (width, height) = (self.width, self.height);
         let half = at(halves, pixels(width, height, 1), self.halves.place(age));
         let coarse = at(coarse, coarse_len(width, height), self.coarse.place(age));
-        let (quarter, eighth) = coarse.split_at(pixels(width, height, 2));
+        let (quarter, eighth) = slices::split(coarse, pixels(width, height, 2));
         let picture = |(pixels, octave)| picture(pixels, width, height, octave);
         [(half, 1), (quarter, 2), (eighth, 3)].map(picture)
     }
@@ -221,18 +222,18 @@ impl FrontEnd {
                     }
                 };
                 let newest = older(0);
-                let warped = &mut scratch[..newest.width() * newest.height()];
+                let warped = slices::part_mut(scratch, 0, newest.width() * newest.height());
                 for (lag, kind) in geometry.history().lags().into_iter().zip(kinds) {
                     let age = self.seen(lag);
                     warp::warp(older(age), newest, octave, &self.motions[..age], parallel, warped);
-                    let out = &mut levels[geometry.place(0, kind, slot)];
+                    let out = slices::of_mut(levels, geometry.place(0, kind, slot));
                     warp::temporal_difference(newest, warped, parallel, out);
                 }
-                let plain = &mut levels[geometry.place(0, Picture::Plain, slot)];
+                let plain = slices::of_mut(levels, geometry.place(0, Picture::Plain, slot));
                 warp::plain_difference(newest, warped, parallel, plain);
             } else {
                 for kind in kinds {
-                    levels[geometry.place(0, kind, slot)].fill(0);
+                    slices::of_mut(levels, geometry.place(0, kind, slot)).fill(0);
                 }
             }
         }
@@ -277,16 +278,15 @@ impl FrontEnd {
 
 /// Element `place` of a ring of pictures.
 fn at(ring: &[u8], length: usize, place: usize) -> &[u8] {
-    &ring[place * length..][..length]
+    slices::part(ring, place * length, length)
 }
 
 /// As [`at`], to write.
 fn place(ring: &mut [u8], length: usize, place: usize) -> &mut [u8] {
-    &mut ring[place * length..][..length]
+    slices::part_mut(ring, place * length, length)
 }
 
 /// A frame of `width` x `height` halved so many times.
 fn picture(pixels: &[u8], width: usize, height: usize, octave: usize) -> Image<'_> {
-    Image::packed(pixels, width >> octave, height >> octave)
-        .expect("the memory was divided for these pictures")
+    scale_space::packed(pixels, (width >> octave, height >> octave))
 }

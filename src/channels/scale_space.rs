@@ -10,6 +10,7 @@ use crate::image::Image;
 use crate::image::Rect;
 use crate::image::gradient::CELL;
 use crate::image::pyramid;
+use crate::math::slices;
 use core::ops::Range;
 
 /// Most levels.
@@ -166,6 +167,11 @@ impl Geometry {
         self.levels.split_at(self.count).0
     }
 
+    /// Level `number`; of no size where there is none.
+    pub fn level(&self, number: usize) -> Level {
+        self.levels().get(number).copied().unwrap_or_default()
+    }
+
     /// Levels for each doubling of the target's size.
     pub const fn scales_per_octave(&self) -> usize {
         self.scales_per_octave
@@ -241,7 +247,8 @@ impl Picture {
     const ALL: [Self; 4] = [Self::Grey, Self::Near, Self::Far, Self::Plain];
 }
 
-fn packed(pixels: &[u8], (width, height): (usize, usize)) -> Image<'_> {
+/// A picture in a part of the memory. Panics if it has fewer bytes.
+pub(super) fn packed(pixels: &[u8], (width, height): (usize, usize)) -> Image<'_> {
     Image::packed(pixels, width, height).expect("the memory was divided for these pictures")
 }
 
@@ -250,22 +257,22 @@ fn packed(pixels: &[u8], (width, height): (usize, usize)) -> Image<'_> {
 pub fn build(geometry: &Geometry, bytes: &mut [u8], frame: &Halvings<'_>, slot: usize) {
     let per_octave = geometry.scales_per_octave;
     for (i, level) in geometry.levels().iter().enumerate().skip(1) {
-        let (finer, own) = bytes.split_at_mut(geometry.start(i));
+        let (finer, own) = slices::split_mut(bytes, geometry.start(i));
         let from = i.checked_sub(per_octave);
         let source = from.unwrap_or(0);
         for picture in Picture::ALL {
             let place = geometry.place(source, picture, slot);
-            let finer_level = &geometry.levels()[source];
+            let finer_level = geometry.level(source);
             let image = match (picture, finer_level.halvings()) {
                 (Picture::Grey, _) if level.halvings().is_some() => continue,
                 (Picture::Grey, Some(halvings)) => frame[halvings],
                 (Picture::Grey, None) => {
-                    packed(&finer[place], (finer_level.width, finer_level.height))
+                    packed(slices::of(finer, place), (finer_level.width, finer_level.height))
                 }
-                _ => packed(&finer[place], finer_level.differences),
+                _ => packed(slices::of(finer, place), finer_level.differences),
             };
             let place = geometry.place(i, picture, slot);
-            let out = &mut own[place.start - finer.len()..place.end - finer.len()];
+            let out = slices::part_mut(own, place.start - finer.len(), place.len());
             match from {
                 Some(_) => pyramid::halve(image, out),
                 None => pyramid::resize(image, (level.scale, level.scale), out),
@@ -328,18 +335,20 @@ impl<'a> Pyramid<'a> {
     pub fn searched(&self) -> impl Iterator<Item = Pictures<'a>> + use<'a> {
         let this = *self;
         let numbers = 0..this.levels().len();
-        numbers.filter(move |&i| this.levels()[i].active).map(move |i| this.level(i))
+        numbers.filter(move |&i| this.geometry.level(i).active).map(move |i| this.level(i))
     }
 
     /// A level and its pictures. Panics if there are not so many.
     pub fn level(&self, number: usize) -> Pictures<'a> {
-        let level = self.levels()[number];
+        let level = self.geometry.level(number);
         let picture = |picture, age: usize| {
             let place = self.geometry.place(number, picture, self.slots[age]);
             match (picture, level.halvings()) {
                 (Picture::Grey, Some(halvings)) => self.frames[age][halvings],
-                (Picture::Grey, None) => packed(&self.bytes[place], (level.width, level.height)),
-                _ => packed(&self.bytes[place], level.differences),
+                (Picture::Grey, None) => {
+                    packed(slices::of(self.bytes, place), (level.width, level.height))
+                }
+                _ => packed(slices::of(self.bytes, place), level.differences),
             }
         };
         let halved = self.geometry.history == History::Half;

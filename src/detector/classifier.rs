@@ -162,7 +162,7 @@ impl CubeClassifier<'_> {
         level: usize,
         workspace: &mut Workspace,
     ) -> Detection {
-        let at = Position::centred(centre(rect), self.pyramid.levels()[level].scale);
+        let at = Position::centred(centre(rect), self.pyramid.geometry().level(level).scale);
         let candidate = Candidate { level: level as u8, ..*candidate };
         let Workspace { cube, spans } = workspace;
         let path = self.cut(&candidate, at, cube);
@@ -210,7 +210,7 @@ impl CubeClassifier<'_> {
         cube: &Ready<'_>,
         score: i32,
     ) -> Detection {
-        let level = &self.pyramid.levels()[usize::from(candidate.level)];
+        let level = self.pyramid.geometry().level(usize::from(candidate.level));
         let test = |feature, threshold| self.test(feature, threshold, cube);
         let [x, y, width, height] = self.model.boxes().each_ref().map(|forest| forest.score(test));
         // Q8 cells to Q8 pixels of the frame. A centre farther than a window away is none of this window's.

@@ -341,7 +341,7 @@ fn decide(
 ) {
     let mut found: heapless::Vec<Scored, MAX_CANDIDATES> = heapless::Vec::new();
     for candidate in candidates {
-        let level = &classifier.pyramid.levels()[usize::from(candidate.level)];
+        let level = classifier.pyramid.geometry().level(usize::from(candidate.level));
         // As much room as there are candidates, here and below.
         let _ = detections.proposals.push(level.nominal_box(window(candidate)));
     }

@@ -6,6 +6,7 @@
 
 use super::Image;
 use super::gradient::{CELL, CellPixels, CellRow, ORIENTATIONS, THIRDS};
+use crate::math::slices;
 
 /// Cells of a row that are taken at a time.
 const BLOCK: usize = 64;
@@ -165,17 +166,19 @@ impl CellRow<'_> {
 
     /// As [`CellRow::fill`], cell by cell: for processors without vector instructions.
     fn fill_by_cells(&self, columns: usize, oriented: bool, planes: &mut [u8]) {
-        let (orientations, rest) = planes.split_at_mut(ORIENTATIONS * columns);
-        let (magnitudes, greys) = rest.split_at_mut(columns);
+        let (orientations, rest) = slices::split_mut(planes, ORIENTATIONS * columns);
+        let (magnitudes, greys) = slices::split_mut(rest, columns);
         if !oriented {
-            return self.fill_plain_by_cells(magnitudes, &mut greys[..columns]);
+            return self.fill_plain_by_cells(magnitudes, slices::part_mut(greys, 0, columns));
         }
-        for (x, (magnitude, grey)) in magnitudes.iter_mut().zip(&mut greys[..columns]).enumerate() {
+        for (x, (magnitude, grey)) in
+            magnitudes.iter_mut().zip(slices::part_mut(greys, 0, columns)).enumerate()
+        {
             let cell = self.cell(x);
             *grey = cell.grey();
             let [energies @ .., all] = cell.energies();
             *magnitude = all;
-            for (plane, energy) in orientations.chunks_exact_mut(columns).zip(energies) {
+            for (plane, energy) in slices::rows_mut(orientations, columns).zip(energies) {
                 plane[x] = energy;
             }
         }
@@ -222,7 +225,7 @@ impl CellRow<'_> {
             let mut out = [[0; BLOCK]; PLANES];
             energies::<BLOCK, ORIENTED>(rows, &mut out);
             let left_out = if ORIENTED { 0 } else { ORIENTATIONS };
-            for (plane, out) in planes.chunks_exact_mut(columns).zip(&out).skip(left_out) {
+            for (plane, out) in slices::rows_mut(planes, columns).zip(&out).skip(left_out) {
                 let plane = &mut plane[first..first + cells];
                 match plane.first_chunk_mut() {
                     Some(plane) => *plane = *out,

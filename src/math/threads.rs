@@ -10,7 +10,7 @@ pub fn several() -> bool {
 }
 
 /// Calls `work` with the number and the items of each piece of `items`, of `length` items but for the last; at the same
-/// time if `parallel`. Panics if `length` is 0.
+/// time if `parallel`. A length of 0 counts as 1.
 pub fn pieces<T: Send>(
     items: &mut [T],
     length: usize,
@@ -20,12 +20,12 @@ pub fn pieces<T: Send>(
     #[cfg(feature = "rayon")]
     if parallel && several() {
         use rayon::prelude::*;
-        let pieces = items.par_chunks_mut(length).enumerate();
+        let pieces = items.par_chunks_mut(length.max(1)).enumerate();
         pieces.for_each(|(number, piece)| work(number, piece));
         return;
     }
     let _ = parallel;
-    for (number, piece) in items.chunks_mut(length).enumerate() {
+    for (number, piece) in items.chunks_mut(length.max(1)).enumerate() {
         work(number, piece);
     }
 }

@@ -1,6 +1,7 @@
 //! An older frame seen from where the camera is now, and what differs (level 3).
 
 use crate::image::Image;
+use crate::math::slices;
 use crate::math::threads;
 use crate::registration::Motion;
 
@@ -32,7 +33,7 @@ pub fn warp(
     if width == 0 || height == 0 {
         return;
     }
-    let out = &mut out[..width * height];
+    let out = slices::part_mut(out, 0, width * height);
     threads::pieces(out, BAND * width, parallel, |number, out| {
         warp_rows(previous, current, octave, chain, number * BAND, out);
     });
@@ -50,8 +51,8 @@ fn warp_rows(
 ) {
     let width = current.width();
     if chain.iter().all(Motion::is_identity) {
-        for (y, out) in (first..).zip(out.chunks_exact_mut(width)) {
-            out.copy_from_slice(previous.row(y));
+        for (y, out) in (first..).zip(slices::rows_mut(out, width)) {
+            slices::copy(previous.row(y), out);
         }
         return;
     }
@@ -79,7 +80,7 @@ fn warp_blocks(
     out: &mut [u8],
 ) {
     let width = current.width();
-    for (top, out) in (first..).step_by(BLOCK).zip(out.chunks_mut(BLOCK * width)) {
+    for (top, out) in (first..).step_by(BLOCK).zip(out.chunks_mut((BLOCK * width).max(1))) {
         let rows = out.len() / width;
         let knot = |x| knot(chain, octave, x, top + BLOCK);
         let Some((corner, others)) = knots.split_first_mut() else { return };
@@ -95,8 +96,8 @@ fn warp_blocks(
                 let slope = ((end.0 - start.0) >> 4, (end.1 - start.1) >> 4);
                 let segment = Segment { x, y, shift: start, slope };
                 let columns = BLOCK.min(width - x);
-                let out = &mut out[j * width + x..][..columns];
-                let instead = &current.row(y)[x..x + columns];
+                let out = slices::part_mut(out, j * width + x, columns);
+                let instead = slices::part(current.row(y), x, columns);
                 if segment.copy_straight::<BLOCK>(previous, out) {
                     continue;
                 }
@@ -279,7 +280,8 @@ pub fn temporal_difference(current: Image<'_>, warped: &[u8], parallel: bool, ou
     if width == 0 || height == 0 {
         return;
     }
-    let (warped, out) = (&warped[..width * height], &mut out[..width * height]);
+    let (warped, out) =
+        (slices::part(warped, 0, width * height), slices::part_mut(out, 0, width * height));
     threads::pieces(out, BAND * width, parallel, |number, out| {
         difference_rows(current, warped, number * BAND, out);
     });
@@ -290,8 +292,8 @@ pub fn temporal_difference(current: Image<'_>, warped: &[u8], parallel: bool, ou
 fn difference_rows(current: Image<'_>, warped: &[u8], first: usize, out: &mut [u8]) {
     const STRIP: usize = 128;
     let (width, height) = (current.width(), current.height());
-    for (y, out) in (first..).zip(out.chunks_exact_mut(width)) {
-        let row = |y: usize| &warped[y * width..][..width];
+    for (y, out) in (first..).zip(slices::rows_mut(out, width)) {
+        let row = |y: usize| slices::part(warped, y * width, width);
         let rows = [row(y.saturating_sub(1)), row(y), row((y + 1).min(height - 1))];
         let here = current.row(y);
         for left in (0..width).step_by(STRIP) {
@@ -301,7 +303,7 @@ fn difference_rows(current: Image<'_>, warped: &[u8], first: usize, out: &mut [u
             let (from, to) = (left.saturating_sub(1), (right + 1).min(width));
             let (mut low, mut high) = ([255; STRIP + 2], [0; STRIP + 2]);
             let inner = from + 1 - left..to + 1 - left;
-            let columns = rows.map(|row| &row[from..to]);
+            let columns = rows.map(|row| slices::part(row, from, to - from));
             combine(columns, &mut low[inner.clone()], u8::min);
             combine(columns, &mut high[inner], u8::max);
             let (mut lowest, mut highest) = ([0; STRIP], [0; STRIP]);
@@ -325,9 +327,9 @@ pub fn plain_difference(current: Image<'_>, warped: &[u8], parallel: bool, out: 
         return;
     }
     let size = width * current.height();
-    threads::pieces(&mut out[..size], BAND * width, parallel, |number, out| {
-        let warped = warped[number * BAND * width..].chunks_exact(width);
-        for (y, (out, warped)) in (number * BAND..).zip(out.chunks_exact_mut(width).zip(warped)) {
+    threads::pieces(slices::part_mut(out, 0, size), BAND * width, parallel, |number, out| {
+        let warped = slices::rows(slices::split(warped, number * BAND * width).1, width);
+        for (y, (out, warped)) in (number * BAND..).zip(slices::rows_mut(out, width).zip(warped)) {
             distances(current.row(y), warped, out);
         }
     });

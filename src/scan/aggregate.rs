@@ -6,6 +6,7 @@
 use crate::channels::window::PADDING;
 use crate::channels::{CELL_CHANNELS, DIFFERENCES, GREY, MAGNITUDE, Newest, RUN};
 use crate::image::gradient::ORIENTATIONS;
+use crate::math::slices;
 use core::array::from_fn;
 
 /// Bytes of the scan's map for one cell.
@@ -63,17 +64,17 @@ pub fn noise(newest: &Newest<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
     let (columns, rows) = newest.slice.cells();
     let (across, down) = (columns / BLOCK, rows / BLOCK);
     let count = across * down;
-    let blocks = &mut words[..noise_words(columns, rows)];
+    let blocks = slices::part_mut(words, 0, noise_words(columns, rows));
     blocks.fill(0);
     for y in 0..down * BLOCK {
         let row = newest.row(y);
         let place = y / BLOCK * across;
         for (i, difference) in row.differences.iter().enumerate() {
-            difference.sum_runs(&mut blocks[i * count + place..][..across]);
+            difference.sum_runs(slices::part_mut(blocks, i * count + place, across));
         }
     }
     from_fn(|i| {
-        let blocks = &blocks[i * count..][..count];
+        let blocks = slices::part(blocks, i * count, count);
         let count = count.max(1) as u64;
         let all: u64 = blocks.iter().map(|&sum| u64::from(sum)).sum();
         let calm = || blocks.iter().map(|&sum| u64::from(sum)).filter(|sum| sum * count <= 2 * all);
@@ -157,17 +158,17 @@ pub fn strips(
     let columns = newest.slice.cells().0;
     let width = columns + 2 * PADDING;
     let stride = width * MAP_CHANNELS;
-    let (strip, ring) = bytes.split_at_mut(stride * rows);
+    let (strip, ring) = slices::split_mut(bytes, stride * rows);
     let mut around = Around::new(newest, ring, words);
     // Q16 reciprocals of the noise (Q4 quarters) with a floor of half a grey level: at most 2048.
-    let loud = noise.map(|n| loud(65536 / (n + 32)));
+    let loud = noise.map(|n| loud(65536 / n.saturating_add(32)));
     let height = around.rows + 2 * PADDING;
     let mut filled = 0;
     for number in 0..height {
-        let planes = &mut strip[filled * stride..(filled + 1) * stride];
+        let planes = slices::part_mut(strip, filled * stride, stride);
         match number.checked_sub(PADDING).filter(|&y| y < around.rows) {
             Some(y) => {
-                for (plane, value) in planes.chunks_exact_mut(width).zip(OUTSIDE) {
+                for (plane, value) in slices::rows_mut(planes, width).zip(OUTSIDE) {
                     plane[..PADDING].fill(value);
                     plane[PADDING + columns..].fill(value);
                 }
@@ -175,7 +176,7 @@ pub fn strips(
                 around.map_row(y, &loud, planes);
             }
             None => {
-                for (plane, value) in planes.chunks_exact_mut(width).zip(OUTSIDE) {
+                for (plane, value) in slices::rows_mut(planes, width).zip(OUTSIDE) {
                     plane.fill(value);
                 }
             }
@@ -214,10 +215,10 @@ struct Around<'a> {
 impl<'a> Around<'a> {
     fn new(newest: &'a Newest<'a>, ring: &'a mut [u8], words: &'a mut [u16]) -> Self {
         let (columns, rows) = newest.slice.cells();
-        let ring = &mut ring[..columns * NEAR * CELL_CHANNELS];
-        let (sums, rest) = words.split_at_mut(AVERAGED.len() * sums_len(columns));
+        let ring = slices::part_mut(ring, 0, columns * NEAR * CELL_CHANNELS);
+        let (sums, rest) = slices::split_mut(words, AVERAGED.len() * sums_len(columns));
         sums.fill(0);
-        let temporaries = &mut rest[..temporaries_len(columns)];
+        let temporaries = slices::part_mut(rest, 0, temporaries_len(columns));
         Self { newest, columns, rows, ring, sums, temporaries, taken: 0 }
     }
 
@@ -226,11 +227,11 @@ impl<'a> Around<'a> {
     fn advance(&mut self, y: usize) {
         let length = self.columns * CELL_CHANNELS;
         if let Some(above) = y.checked_sub(REACH + 1) {
-            let gone = &self.ring[above % NEAR * length..][..length];
+            let gone = slices::part(self.ring, above % NEAR * length, length);
             change_sums::<false>(self.columns, gone, self.sums);
         }
         while self.taken < self.rows.min(y + REACH + 1) {
-            let cells = &mut self.ring[self.taken % NEAR * length..][..length];
+            let cells = slices::part_mut(self.ring, self.taken % NEAR * length, length);
             self.newest.row(self.taken).fill(self.columns, cells);
             change_sums::<true>(self.columns, cells, self.sums);
             self.taken += 1;
@@ -241,11 +242,14 @@ impl<'a> Around<'a> {
     #[inline(never)]
     fn map_row(&mut self, y: usize, loud: &[Loud; DIFFERENCES], out: &mut [u8]) {
         let length = self.columns * CELL_CHANNELS;
-        let cells = &self.ring[y % NEAR * length..][..length];
+        let cells = slices::part(self.ring, y % NEAR * length, length);
         let down = (y + REACH + 1).min(self.rows) - y.saturating_sub(REACH);
         let Self { columns, sums, temporaries, .. } = self;
-        let (around, rest) = temporaries.split_at_mut(AVERAGED.len() * *columns);
-        let (pairs, fours) = rest[..2 * sums_len(*columns)].split_at_mut(sums_len(*columns));
+        let (around, rest) = slices::split_mut(temporaries, AVERAGED.len() * *columns);
+        let (pairs, fours) = slices::split_mut(
+            slices::part_mut(rest, 0, 2 * sums_len(*columns)),
+            sums_len(*columns),
+        );
         sum_across(*columns, sums, around, [pairs, fours]);
         map_row(
             Row { cells, around, columns: *columns, down, oriented: self.newest.oriented, loud },
@@ -257,8 +261,8 @@ impl<'a> Around<'a> {
 
 /// Adds a row of cells to the sums of columns, or takes it away.
 fn change_sums<const ADD: bool>(columns: usize, cells: &[u8], sums: &mut [u16]) {
-    for (sums, channel) in sums.chunks_exact_mut(sums_len(columns)).zip(AVERAGED) {
-        let plane = &cells[channel * columns..][..columns];
+    for (sums, channel) in slices::rows_mut(sums, sums_len(columns)).zip(AVERAGED) {
+        let plane = slices::part(cells, channel * columns, columns);
         for (sum, &value) in sums[REACH..].iter_mut().zip(plane) {
             let value = u16::from(value);
             *sum = if ADD { *sum + value } else { *sum - value };
@@ -269,8 +273,8 @@ fn change_sums<const ADD: bool>(columns: usize, cells: &[u8], sums: &mut [u16]) 
 /// Sums over the square around each cell, from sums of columns; `pairs` and `fours` have room for those of one channel.
 #[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
 fn sum_across(columns: usize, sums: &[u16], around: &mut [u16], [pairs, fours]: [&mut [u16]; 2]) {
-    let planes = around.chunks_exact_mut(columns);
-    for (out, sums) in planes.zip(sums.chunks_exact(sums_len(columns))) {
+    let planes = slices::rows_mut(around, columns);
+    for (out, sums) in planes.zip(slices::rows(sums, sums_len(columns))) {
         if !cfg!(feature = "simd") {
             sum_along(sums, out);
             continue;
@@ -291,7 +295,7 @@ fn sum_across(columns: usize, sums: &[u16], around: &mut [u16], [pairs, fours]: 
 
 /// [`sum_across`] of one channel, cell by cell: for processors without vector instructions.
 fn sum_along(sums: &[u16], out: &mut [u16]) {
-    let (first, rest) = sums.split_at(NEAR - 1);
+    let (first, rest) = slices::split(sums, NEAR - 1);
     let mut sum: u16 = first.iter().sum();
     for ((out, new), gone) in out.iter_mut().zip(rest).zip(sums) {
         sum += new;
@@ -316,11 +320,11 @@ struct Row<'a> {
 
 impl<'a> Row<'a> {
     fn cells(&self, channel: usize) -> &'a [u8] {
-        &self.cells[channel * self.columns..][..self.columns]
+        slices::part(self.cells, channel * self.columns, self.columns)
     }
 
     fn around(&self, number: usize) -> &'a [u16] {
-        &self.around[number * self.columns..][..self.columns]
+        slices::part(self.around, number * self.columns, self.columns)
     }
 }
 
@@ -333,14 +337,13 @@ fn high(a: u16, b: u16) -> u16 {
 #[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
 fn map_row(row: Row<'_>, temporaries: &mut [u16], out: &mut [u8]) {
     let columns = row.columns;
-    let mut planes = out
-        .chunks_exact_mut(columns + 2 * PADDING)
-        .map(|plane| &mut plane[PADDING..PADDING + columns]);
+    let mut planes = slices::rows_mut(out, columns + 2 * PADDING)
+        .map(|plane| slices::part_mut(plane, PADDING, columns));
     let mut plane = || planes.next().unwrap_or_default();
-    let (energy, rest) = temporaries.split_at_mut(columns);
-    let (far, rest) = rest.split_at_mut(columns);
-    let (near, rest) = rest.split_at_mut(columns);
-    let indices = &mut rest[..columns];
+    let (energy, rest) = slices::split_mut(temporaries, columns);
+    let (far, rest) = slices::split_mut(rest, columns);
+    let (near, rest) = slices::split_mut(rest, columns);
+    let indices = slices::part_mut(rest, 0, columns);
     reciprocals(row.around(0), energy);
     reciprocals(row.around(2), far);
     reciprocals(row.around(3), near);
@@ -413,7 +416,7 @@ fn intensity(row: &Row<'_>, energy: &[u16], means: &mut [u16], [relative, half]:
     let columns = row.columns;
     let (grey, around) = (row.cells(GREY), row.around(1));
     // Q18 reciprocal of the cells of the square that lie in the picture: they change near edges only.
-    let reciprocal = |across: usize| (1u32 << 18).div_ceil((across * row.down) as u32);
+    let reciprocal = |across: usize| (1u32 << 18).div_ceil((across * row.down).max(1) as u32);
     let whole = reciprocal(NEAR) as u16;
     for (mean, &sum) in means.iter_mut().zip(around) {
         *mean = high(sum, whole);
