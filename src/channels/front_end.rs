@@ -10,7 +10,7 @@ use crate::channels::window::SLICES;
 use crate::channels::{Newest, Slice};
 use crate::image::Image;
 use crate::image::pyramid;
-use crate::math::slices;
+use crate::math::{slices, threads};
 use crate::registration::warp;
 use crate::registration::{self, LEVELS, Motion};
 
@@ -116,6 +116,11 @@ impl FrontEnd {
         age.min(self.seen.saturating_sub(1))
     }
 
+    /// Whether there may be several threads: a half history is for processors with one core.
+    fn parallel(&self) -> bool {
+        self.geometry.history() == History::Full
+    }
+
     /// Forgets the frames seen.
     pub fn restart(&mut self) {
         self.motions = [Motion::IDENTITY; FARTHEST];
@@ -142,14 +147,21 @@ impl FrontEnd {
         }
         self.seen = (self.seen + 1).min(FARTHEST + 1);
         let Divided { frames, halves, coarse, .. } = self.divide(bytes);
-        if !frames.is_empty() {
+        let half = place(halves, pixels(width, height, 1), self.halves.place(0));
+        let keep = || {
+            if frames.is_empty() {
+                return;
+            }
             let newest = place(frames, width * height, self.frames.place(0));
             for (y, row) in slices::rows_mut(newest, width).enumerate() {
                 slices::copy(frame.row(y), row);
             }
-        }
-        let half = place(halves, pixels(width, height, 1), self.halves.place(0));
-        pyramid::halve(frame, half);
+        };
+        let halve = || {
+            pyramid::halve(frame, half);
+        };
+        threads::both(self.parallel(), keep, halve);
+        let half: &[u8] = at(halves, pixels(width, height, 1), self.halves.place(0));
         let coarse_half = place(coarse, coarse_len(width, height), self.coarse.place(0));
         let (quarter, eighth) = slices::split_mut(coarse_half, pixels(width, height, 2));
         pyramid::halve(picture(half, width, height, 1), quarter);
@@ -207,9 +219,7 @@ impl FrontEnd {
         if !geometry.levels().is_empty() {
             let kinds = [Picture::Far, Picture::Near, Picture::Plain];
             if self.method.temporal && self.seen > 1 {
-                let octave = geometry.history().octave();
-                // A half history is for processors with one core.
-                let parallel = geometry.history() == History::Full;
+                let (octave, parallel) = (geometry.history().octave(), self.parallel());
                 let older = |age| match geometry.history() {
                     History::Full => {
                         let pixels = at(frames, self.width * self.height, self.frames.place(age));
@@ -223,14 +233,23 @@ impl FrontEnd {
                 };
                 let newest = older(0);
                 let warped = slices::part_mut(scratch, 0, newest.width() * newest.height());
-                for (lag, kind) in geometry.history().lags().into_iter().zip(kinds) {
-                    let age = self.seen(lag);
-                    warp::warp(older(age), newest, octave, &self.motions[..age], parallel, warped);
-                    let out = slices::of_mut(levels, geometry.place(0, kind, slot));
-                    warp::temporal_difference(newest, warped, parallel, out);
-                }
-                let plain = slices::of_mut(levels, geometry.place(0, Picture::Plain, slot));
-                warp::plain_difference(newest, warped, parallel, plain);
+                let [far, near] = geometry.history().lags().map(|lag| self.seen(lag));
+                let chain = |age: usize| &self.motions[..age];
+                warp::warp(older(far), newest, octave, chain(far), parallel, warped);
+                let [far_place, near_place, plain_place] =
+                    kinds.map(|kind| geometry.place(0, kind, slot));
+                let out = slices::of_mut(levels, far_place);
+                warp::temporal_difference(newest, warped, parallel, out);
+                warp::warp(older(near), newest, octave, chain(near), parallel, warped);
+                // The plain difference lies behind the others.
+                let (before, plain) = slices::split_mut(levels, plain_place.start);
+                let out = slices::of_mut(before, near_place);
+                let warped: &[u8] = warped;
+                threads::both(
+                    parallel,
+                    || warp::temporal_difference(newest, warped, parallel, out),
+                    || warp::plain_difference(newest, warped, parallel, plain),
+                );
             } else {
                 for kind in kinds {
                     slices::of_mut(levels, geometry.place(0, kind, slot)).fill(0);

@@ -10,7 +10,8 @@ use crate::image::Image;
 use crate::image::Rect;
 use crate::image::gradient::CELL;
 use crate::image::pyramid;
-use crate::math::slices;
+use crate::math::{slices, threads};
+use core::array::from_fn;
 use core::ops::Range;
 
 /// Most levels.
@@ -253,31 +254,52 @@ pub(super) fn packed(pixels: &[u8], (width, height): (usize, usize)) -> Image<'_
 }
 
 /// Fills the pictures of all levels from the frame, its halves and the difference images of level 0, into place `slot` of
-/// the rings. Panics if there are fewer than [`Geometry::bytes_len`] bytes.
+/// the rings; the four kinds of pictures at the same time where there are threads for it. Panics if there are fewer than
+/// [`Geometry::bytes_len`] bytes.
 pub fn build(geometry: &Geometry, bytes: &mut [u8], frame: &Halvings<'_>, slot: usize) {
-    let per_octave = geometry.scales_per_octave;
-    for (i, level) in geometry.levels().iter().enumerate().skip(1) {
-        let (finer, own) = slices::split_mut(bytes, geometry.start(i));
-        let from = i.checked_sub(per_octave);
-        let source = from.unwrap_or(0);
-        for picture in Picture::ALL {
-            let place = geometry.place(source, picture, slot);
-            let finer_level = geometry.level(source);
-            let image = match (picture, finer_level.halvings()) {
-                (Picture::Grey, _) if level.halvings().is_some() => continue,
-                (Picture::Grey, Some(halvings)) => frame[halvings],
-                (Picture::Grey, None) => {
-                    packed(slices::of(finer, place), (finer_level.width, finer_level.height))
-                }
-                _ => packed(slices::of(finer, place), finer_level.differences),
-            };
+    let mut kinds: [[&mut [u8]; MAX_LEVELS]; Picture::ALL.len()] =
+        from_fn(|_| from_fn(|_| Default::default()));
+    let (mut rest, mut at) = (bytes, 0);
+    // In the order in which they lie in memory.
+    for i in 0..geometry.levels().len() {
+        for (levels, picture) in kinds.iter_mut().zip(Picture::ALL) {
             let place = geometry.place(i, picture, slot);
-            let out = slices::part_mut(own, place.start - finer.len(), place.len());
-            match from {
-                Some(_) => pyramid::halve(image, out),
-                None => pyramid::resize(image, (level.scale, level.scale), out),
-            };
+            let (own, behind) = slices::split_mut(rest, place.end - at);
+            (rest, at) = (behind, place.end);
+            levels[i] = slices::split_mut(own, own.len() - place.len()).1;
         }
+    }
+    threads::pieces(&mut kinds, 1, true, |number, kinds| {
+        for (levels, picture) in kinds.iter_mut().zip(&Picture::ALL[number..]) {
+            build_kind(geometry, frame, *picture, levels);
+        }
+    });
+}
+
+/// [`build`] for one kind of pictures.
+fn build_kind(
+    geometry: &Geometry,
+    frame: &Halvings<'_>,
+    picture: Picture,
+    levels: &mut [&mut [u8]; MAX_LEVELS],
+) {
+    for (i, level) in geometry.levels().iter().enumerate().skip(1) {
+        let (finer, own) = slices::split_mut(levels, i);
+        let Some(out) = own.first_mut() else { return };
+        let from = i.checked_sub(geometry.scales_per_octave);
+        let source = from.unwrap_or(0);
+        let finer_level = geometry.level(source);
+        let pixels: &[u8] = finer.get(source).map_or(&[], |pixels| pixels);
+        let image = match (picture, finer_level.halvings()) {
+            (Picture::Grey, _) if level.halvings().is_some() => continue,
+            (Picture::Grey, Some(halvings)) => frame[halvings],
+            (Picture::Grey, None) => packed(pixels, (finer_level.width, finer_level.height)),
+            _ => packed(pixels, finer_level.differences),
+        };
+        match from {
+            Some(_) => pyramid::halve(image, out),
+            None => pyramid::resize(image, (level.scale, level.scale), out),
+        };
     }
 }
 

@@ -30,6 +30,18 @@ pub fn pieces<T: Send>(
     }
 }
 
+/// Does both pieces of work, at the same time if `parallel`.
+pub fn both(parallel: bool, first: impl FnOnce() + Send, second: impl FnOnce() + Send) {
+    #[cfg(feature = "rayon")]
+    if parallel && several() {
+        rayon::join(first, second);
+        return;
+    }
+    let _ = parallel;
+    first();
+    second();
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -46,6 +58,14 @@ mod tests {
                 });
                 assert_eq!(items, (0..count).collect::<Vec<_>>());
             }
+        }
+    }
+    #[test]
+    fn both_are_done() {
+        for parallel in [false, true] {
+            let (mut first, mut second) = (0, 0);
+            both(parallel, || first = 1, || second = 2);
+            assert_eq!((first, second), (1, 2));
         }
     }
 }
