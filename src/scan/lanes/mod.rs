@@ -16,7 +16,9 @@ mod prepared;
 #[cfg(all(feature = "simd", target_arch = "x86_64"))]
 mod x86;
 
-use prepared::{Survivors, scalar};
+#[cfg(feature = "simd")]
+use prepared::Survivors;
+use prepared::scalar;
 #[cfg(all(feature = "simd", target_arch = "x86_64"))]
 use x86::{avx2, sse41};
 
