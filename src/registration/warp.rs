@@ -296,6 +296,10 @@ fn difference_rows(current: Image<'_>, warped: &[u8], first: usize, out: &mut [u
         let row = |y: usize| slices::part(warped, y * width, width);
         let rows = [row(y.saturating_sub(1)), row(y), row((y + 1).min(height - 1))];
         let here = current.row(y);
+        if !cfg!(feature = "simd") {
+            difference_row_by_pixels(rows, here, out);
+            continue;
+        }
         for left in (0..width).step_by(STRIP) {
             let right = (left + STRIP).min(width);
             let n = right - left;
@@ -316,6 +320,23 @@ fn difference_rows(current: Image<'_>, warped: &[u8], first: usize, out: &mut [u
                 *out = low.saturating_sub(value) | value.saturating_sub(high);
             }
         }
+    }
+}
+
+/// A row of [`temporal_difference`], pixel by pixel, from the rows of the older frame above, beside and below it: for
+/// processors without vector instructions.
+fn difference_row_by_pixels([above, beside, below]: [&[u8]; 3], current: &[u8], out: &mut [u8]) {
+    // Least and greatest of each column; beyond the edge is what changes neither.
+    const BEYOND: (u8, u8) = (255, 0);
+    let columns = above.iter().zip(beside).zip(below);
+    let mut columns = columns.map(|((&a, &b), &c)| (a.min(b).min(c), a.max(b).max(c)));
+    let (mut left, mut here) = (BEYOND, columns.next().unwrap_or(BEYOND));
+    for (out, &value) in out.iter_mut().zip(current) {
+        let right = columns.next().unwrap_or(BEYOND);
+        let low = left.0.min(here.0).min(right.0);
+        let high = left.1.max(here.1).max(right.1);
+        *out = low.saturating_sub(value) | value.saturating_sub(high);
+        (left, here) = (here, right);
     }
 }
 
@@ -442,6 +463,12 @@ mod tests {
                 let value = current.row(y)[x];
                 let want = value.abs_diff(value.clamp(low, high));
                 prop_assert_eq!(got, want);
+            }
+            for (y, out) in out.chunks(w).enumerate() {
+                let rows = [y.saturating_sub(1), y, (y + 1).min(h - 1)].map(|y| &warped[y * w..][..w]);
+                let mut by_pixels = vec![1; w];
+                difference_row_by_pixels(rows, current.row(y), &mut by_pixels);
+                prop_assert_eq!(out, by_pixels);
             }
             plain_difference(current, warped, true, &mut out);
             for (i, &got) in out.iter().enumerate() {
