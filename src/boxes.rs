@@ -13,6 +13,7 @@ use crate::image::{Image, Rect};
 use crate::math::fixed::exp2_q16;
 use crate::stcube::cube::{Patch, SCALARS};
 use crate::stcube::feature::{Feature, Features};
+use crate::stcube::spans::Ready;
 use crate::trees::Forest;
 use fixed::types::I28F4;
 
@@ -69,10 +70,9 @@ impl StretchedWindow {
         feature.value(core::slice::from_ref(&self.slice), &self.newest, &self.scalars)
     }
 
-    /// Whether [`StretchedWindow::value`] exceeds `threshold`.
-    fn exceeds(&self, feature: &Feature, threshold: u16) -> bool {
-        let slices = core::slice::from_ref(&self.slice);
-        feature.exceeds(slices, &self.newest, &self.scalars, threshold)
+    /// The same, to be asked of many features.
+    fn ready(&self) -> Ready<'_> {
+        Ready::of_newest(&self.slice, &self.newest, &self.scalars)
     }
 }
 
@@ -98,7 +98,8 @@ impl Fit<'_> {
         let mut end = rect;
         for _ in 0..MOVES {
             let from = cut(pyramid, &end, &mut window);
-            let test = |number, threshold| window.exceeds(&self.features.get(number), threshold);
+            let ready = &window.ready();
+            let test = |feature, threshold| ready.exceeds(&self.features, feature, threshold);
             end = moved(&from, self.sides.each_ref().map(|forest| forest.score(test)));
         }
         mixed(&rect, &end)

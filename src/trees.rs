@@ -128,7 +128,7 @@ impl<'m> Tree<'m> {
     }
 
     /// Inner nodes in heap order.
-    pub fn nodes(&self) -> impl ExactSizeIterator<Item = Node> + use<'m> {
+    pub fn nodes(&self) -> impl ExactSizeIterator<Item = Node> + DoubleEndedIterator + use<'m> {
         self.slots[1..].iter().map(|&slot| Node::from_bytes(slot))
     }
 

@@ -70,6 +70,7 @@ impl Attitude {
     };
 
     /// The quaternion at length 1; `None` when it has hardly any.
+    #[inline(never)]
     pub fn new([w, x, y, z]: [Real; 4]) -> Option<Self> {
         let parts = [w, x, y, z];
         let largest = parts.into_iter().map(Real::saturating_abs).max()?;
@@ -83,6 +84,7 @@ impl Attitude {
     }
 
     /// From angles in radians: yaw about down, then pitch about right, then roll about forward.
+    #[inline(never)]
     pub fn from_euler(roll: Real, pitch: Real, yaw: Real) -> Self {
         let [(sr, cr), (sp, cp), (sy, cy)] = [roll, pitch, yaw].map(|a| sin_cos(a / 2));
         Self::new([
@@ -106,6 +108,7 @@ impl Attitude {
     }
 
     /// Composition: the rotation `first`, then `self`.
+    #[inline(never)]
     pub fn after(self, first: Self) -> Self {
         let ([aw, ax, ay, az], [bw, bx, by, bz]) = (self.parts(), first.parts());
         Self::new([
@@ -123,6 +126,7 @@ impl Attitude {
     }
 
     /// Turns a vector: from body to world.
+    #[inline(never)]
     pub fn rotate(self, vector: Vector) -> Vector {
         let [w, x, y, z] = self.parts();
         let axis = [x, y, z];

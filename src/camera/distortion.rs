@@ -99,6 +99,7 @@ fn distort(k: &[Real; 14], [x, y]: [Real; 2]) -> [Real; 2] {
 }
 
 /// 1 + a r^2 + b r^4 + c r^6, saturated.
+#[inline(never)]
 fn polynomial([a, b, c]: [Real; 3], r2: Real) -> Real {
     [c, b, a]
         .into_iter()
@@ -107,6 +108,7 @@ fn polynomial([a, b, c]: [Real; 3], r2: Real) -> Real {
 }
 
 /// The radial factor and the shift (tangential, thin prism) at an undistorted point.
+#[inline(never)]
 fn terms(k: &[Real; 14], [x, y]: [Real; 2]) -> (Real, [Real; 2]) {
     let &[k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _] = k;
     let r2 = x * x + y * y;
@@ -160,6 +162,7 @@ fn tilt_matrix(k: &[Real; 14]) -> Option<Matrix> {
 }
 
 /// Applies a homography to a point.
+#[inline(never)]
 fn apply(matrix: &Matrix, [x, y]: [Real; 2]) -> [Real; 2] {
     let [u, v, w] = matrix.map(|row| {
         row[0].saturating_mul(x).saturating_add(row[1].saturating_mul(y)).saturating_add(row[2])
@@ -180,6 +183,7 @@ fn untilt(k: &[Real; 14], point: [Real; 2]) -> [Real; 2] {
 }
 
 /// Distance from the axis of a ray at the angle `t`, and its derivative.
+#[inline(never)]
 fn fisheye(k: &[Real; 4], t: Real) -> (Real, Real) {
     let t2 = t * t;
     let (mut value, mut slope) = (ZERO, ZERO);

@@ -207,6 +207,7 @@ impl Camera {
     }
 
     /// Unit vector of the point (x, y) of the picture, in the camera's axes.
+    #[inline(never)]
     pub fn direction(&self, x: I28F4, y: I28F4) -> Vector {
         let Intrinsics { focal, centre, lens, .. } = &self.intrinsics;
         let half = ONE / 2;
@@ -224,6 +225,7 @@ impl Camera {
 
     /// The point of the picture in which a direction in the body's axes is seen; it may lie outside of the picture.
     /// `None` behind the camera and far to its side.
+    #[inline(never)]
     pub fn project(&self, body: Vector) -> Option<(I28F4, I28F4)> {
         let [x, y] = self.intrinsics.lens.project(self.mounting.inverse().rotate(unit(body)))?;
         let place = |i: usize, v: Real| {

@@ -10,6 +10,7 @@ use crate::channels::window::SLICES;
 use crate::channels::{Newest, Slice};
 use crate::image::Image;
 use crate::image::pyramid;
+use crate::math::{slices, threads};
 use crate::registration::warp;
 use crate::registration::{self, LEVELS, Motion};
 
@@ -233,10 +234,10 @@ impl State {
 
     fn divide<'a>(&self, bytes: &'a mut [u8]) -> Divided<'a> {
         let (width, height, history) = (self.width, self.height, self.geometry.history());
-        let (frames, rest) = bytes.split_at_mut(history.frames() * width * height);
-        let (halves, rest) = rest.split_at_mut(history.halves() * pixels(width, height, 1));
-        let (coarse, rest) = rest.split_at_mut(history.coarse() * coarse_len(width, height));
-        let (levels, scratch) = rest.split_at_mut(self.geometry.bytes_len());
+        let (frames, rest) = slices::split_mut(bytes, history.frames() * width * height);
+        let (halves, rest) = slices::split_mut(rest, history.halves() * pixels(width, height, 1));
+        let (coarse, rest) = slices::split_mut(rest, history.coarse() * coarse_len(width, height));
+        let (levels, scratch) = slices::split_mut(rest, self.geometry.bytes_len());
         Divided { frames, halves, coarse, levels, scratch }
     }
 
@@ -248,6 +249,11 @@ impl State {
     /// The age of the oldest slice, if `age` is older.
     fn slice(&self, age: usize) -> usize {
         age.min(self.filled.saturating_sub(1))
+    }
+
+    /// Whether there may be several threads: a half history is for processors with one core.
+    fn parallel(&self) -> bool {
+        self.geometry.history() == History::Full
     }
 
     fn restart(&mut self) {
@@ -264,16 +270,23 @@ impl State {
         }
         self.seen = (self.seen + 1).min(FARTHEST + 1);
         let Divided { frames, halves, coarse, .. } = self.divide(bytes);
-        if !frames.is_empty() {
-            let newest = place(frames, width * height, self.frames.place(0));
-            for (y, row) in newest.chunks_exact_mut(width).enumerate() {
-                row.copy_from_slice(frame.row(y));
-            }
-        }
         let half = place(halves, pixels(width, height, 1), self.halves.place(0));
-        pyramid::halve(frame, half);
+        let keep = || {
+            if frames.is_empty() {
+                return;
+            }
+            let newest = place(frames, width * height, self.frames.place(0));
+            for (y, row) in slices::rows_mut(newest, width).enumerate() {
+                slices::copy(frame.row(y), row);
+            }
+        };
+        let halve = || {
+            pyramid::halve(frame, half);
+        };
+        threads::both(self.parallel(), keep, halve);
+        let half: &[u8] = at(halves, pixels(width, height, 1), self.halves.place(0));
         let coarse_half = place(coarse, coarse_len(width, height), self.coarse.place(0));
-        let (quarter, eighth) = coarse_half.split_at_mut(pixels(width, height, 2));
+        let (quarter, eighth) = slices::split_mut(coarse_half, pixels(width, height, 2));
         pyramid::halve(picture(half, width, height, 1), quarter);
         pyramid::halve(picture(quarter, width, height, 2), eighth);
         if self.method.registration {
@@ -302,7 +315,7 @@ impl State {
         let (width, height) = (self.width, self.height);
         let half = at(halves, pixels(width, height, 1), self.halves.place(age));
         let coarse = at(coarse, coarse_len(width, height), self.coarse.place(age));
-        let (quarter, eighth) = coarse.split_at(pixels(width, height, 2));
+        let (quarter, eighth) = slices::split(coarse, pixels(width, height, 2));
         let picture = |(pixels, octave)| picture(pixels, width, height, octave);
         [(half, 1), (quarter, 2), (eighth, 3)].map(picture)
     }
@@ -329,9 +342,7 @@ impl State {
         if !geometry.levels().is_empty() {
             let kinds = [Picture::Far, Picture::Near, Picture::Plain];
             if self.method.temporal && self.seen > 1 {
-                let octave = geometry.history().octave();
-                // A half history is for processors with one core.
-                let parallel = geometry.history() == History::Full;
+                let (octave, parallel) = (geometry.history().octave(), self.parallel());
                 let older = |age| match geometry.history() {
                     History::Full => {
                         let pixels = at(frames, self.width * self.height, self.frames.place(age));
@@ -344,18 +355,27 @@ impl State {
                     }
                 };
                 let newest = older(0);
-                let warped = &mut scratch[..newest.width() * newest.height()];
-                for (lag, kind) in geometry.history().lags().into_iter().zip(kinds) {
-                    let age = self.seen(lag);
-                    warp::warp(older(age), newest, octave, &self.motions[..age], parallel, warped);
-                    let out = &mut levels[geometry.place(0, kind, slot)];
-                    warp::temporal_difference(newest, warped, parallel, out);
-                }
-                let plain = &mut levels[geometry.place(0, Picture::Plain, slot)];
-                warp::plain_difference(newest, warped, parallel, plain);
+                let warped = slices::part_mut(scratch, 0, newest.width() * newest.height());
+                let [far, near] = geometry.history().lags().map(|lag| self.seen(lag));
+                let chain = |age: usize| &self.motions[..age];
+                warp::warp(older(far), newest, octave, chain(far), parallel, warped);
+                let [far_place, near_place, plain_place] =
+                    kinds.map(|kind| geometry.place(0, kind, slot));
+                let out = slices::of_mut(levels, far_place);
+                warp::temporal_difference(newest, warped, parallel, out);
+                warp::warp(older(near), newest, octave, chain(near), parallel, warped);
+                // The plain difference lies behind the others.
+                let (before, plain) = slices::split_mut(levels, plain_place.start);
+                let out = slices::of_mut(before, near_place);
+                let warped: &[u8] = warped;
+                threads::both(
+                    parallel,
+                    || warp::temporal_difference(newest, warped, parallel, out),
+                    || warp::plain_difference(newest, warped, parallel, plain),
+                );
             } else {
                 for kind in kinds {
-                    levels[geometry.place(0, kind, slot)].fill(0);
+                    slices::of_mut(levels, geometry.place(0, kind, slot)).fill(0);
                 }
             }
         }
@@ -386,18 +406,17 @@ impl State {
 
 /// Picture number `place` of a ring of pictures of `length` bytes each.
 fn at(ring: &[u8], length: usize, place: usize) -> &[u8] {
-    &ring[place * length..][..length]
+    slices::part(ring, place * length, length)
 }
 
 /// As [`at`], to write.
 fn place(ring: &mut [u8], length: usize, place: usize) -> &mut [u8] {
-    &mut ring[place * length..][..length]
+    slices::part_mut(ring, place * length, length)
 }
 
 /// The picture of a frame of `width` x `height` halved `octave` times.
 fn picture(pixels: &[u8], width: usize, height: usize, octave: usize) -> Image<'_> {
-    Image::packed(pixels, width >> octave, height >> octave)
-        .expect("the memory was divided for these pictures")
+    scale_space::packed(pixels, (width >> octave, height >> octave))
 }
 
 #[cfg(test)]

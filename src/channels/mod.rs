@@ -13,6 +13,7 @@ pub mod window;
 use crate::image::Image;
 use crate::image::gradient::{CELL, CellRow, ORIENTATIONS};
 use crate::image::gradient_block::{self, SIDE, pairs};
+use crate::math::slices;
 
 /// Difference images beside the grey one: tolerant to a frame far back, tolerant and plain to that of the oldest slice.
 pub const DIFFERENCES: usize = 3;
@@ -86,10 +87,11 @@ impl<'a> DifferenceRow<'a> {
         match self {
             Self::Pixels(row) => row.fill_quarters(out),
             Self::Cells(row) => {
-                out.fill(0);
-                for (out, &mean) in out.iter_mut().zip(*row) {
+                let (inside, outside) = out.split_at_mut(row.len().min(out.len()));
+                for (out, &mean) in inside.iter_mut().zip(*row) {
                     *out = quarters(mean);
                 }
+                outside.fill(0);
             }
         }
     }
@@ -319,7 +321,7 @@ impl Newest<'_> {
     }
 }
 
-/// Channels of the newest frame: energies (0 where it has no orientations), magnitude, grey, differences.
+/// Channels of the newest frame: energies (whatever was there before where it has no orientations), magnitude, grey, differences.
 pub const CELL_CHANNELS: usize = ORIENTATIONS + 2 + DIFFERENCES;
 
 /// Which of them is the grey level; behind it are the differences.
@@ -347,7 +349,7 @@ impl NewestRow<'_> {
     /// fewer than [`CELL_CHANNELS`] times as many bytes.
     pub fn fill(&self, columns: usize, planes: &mut [u8]) {
         self.grey.fill(columns, self.oriented, planes);
-        let planes = planes.chunks_exact_mut(columns).skip(GREY + 1);
+        let planes = slices::rows_mut(planes, columns).skip(GREY + 1);
         for (difference, plane) in self.differences.iter().zip(planes) {
             fill_difference(difference, plane);
         }
@@ -415,6 +417,9 @@ pub(crate) mod tests {
         let (columns, rows) = newest.slice.cells();
         let mut planes = vec![7; CELL_CHANNELS * columns];
         let mut row = |y| {
+            if !newest.oriented {
+                planes[..ORIENTATIONS * columns].fill(0);
+            }
             newest.row(y).fill(columns, &mut planes);
             let cell = |x| core::array::from_fn(|channel| planes[channel * columns + x]);
             (0..columns).map(cell).collect::<Vec<_>>()

@@ -9,6 +9,8 @@ use crate::image::Image;
 use crate::image::Rect;
 use crate::image::gradient::CELL;
 use crate::image::pyramid;
+use crate::math::{slices, threads};
+use core::array::from_fn;
 use core::ops::Range;
 
 /// Largest number of levels.
@@ -172,6 +174,11 @@ impl Geometry {
         self.levels.split_at(self.count).0
     }
 
+    /// Level `number`; of no size where there is none.
+    pub fn level(&self, number: usize) -> Level {
+        self.levels().get(number).copied().unwrap_or_default()
+    }
+
     /// Levels for each doubling of the target's size.
     pub const fn scales_per_octave(&self) -> usize {
         self.scales_per_octave
@@ -188,6 +195,7 @@ impl Geometry {
     }
 
     /// Where the pictures of a level begin.
+    #[inline(never)]
     const fn start(&self, level: usize) -> usize {
         let (mut sum, mut i) = (0, 0);
         while i < level {
@@ -210,6 +218,7 @@ impl Geometry {
     }
 
     /// Where a picture of a level is, `slot` its place in the ring of frames.
+    #[inline(never)]
     pub fn place(&self, level: usize, picture: Picture, slot: usize) -> Range<usize> {
         let (kept, grey) = (self.kept(level), self.grey_len(level));
         let slot = slot % kept;
@@ -245,36 +254,58 @@ impl Picture {
     const ALL: [Self; 4] = [Self::Grey, Self::Near, Self::Far, Self::Plain];
 }
 
-fn packed(pixels: &[u8], (width, height): (usize, usize)) -> Image<'_> {
+/// A picture in a part of the memory. Panics if it has fewer bytes.
+pub(super) fn packed(pixels: &[u8], (width, height): (usize, usize)) -> Image<'_> {
     Image::packed(pixels, width, height).expect("the memory was divided for these pictures")
 }
 
 /// Fills the pictures of all levels from the frame, its halves and the difference images of level 0, into place `slot` of
-/// the rings. Panics if there are fewer than [`Geometry::bytes_len`] bytes.
+/// the rings; the four kinds of pictures at the same time where there are threads for it. Panics if there are fewer than
+/// [`Geometry::bytes_len`] bytes.
 pub fn build(geometry: &Geometry, bytes: &mut [u8], frame: &Halvings<'_>, slot: usize) {
-    let per_octave = geometry.scales_per_octave;
-    for (i, level) in geometry.levels().iter().enumerate().skip(1) {
-        let (finer, own) = bytes.split_at_mut(geometry.start(i));
-        let from = i.checked_sub(per_octave);
-        let source = from.unwrap_or(0);
-        for picture in Picture::ALL {
-            let place = geometry.place(source, picture, slot);
-            let finer_level = &geometry.levels()[source];
-            let image = match (picture, finer_level.halvings()) {
-                (Picture::Grey, _) if level.halvings().is_some() => continue,
-                (Picture::Grey, Some(halvings)) => frame[halvings],
-                (Picture::Grey, None) => {
-                    packed(&finer[place], (finer_level.width, finer_level.height))
-                }
-                _ => packed(&finer[place], finer_level.differences),
-            };
+    let mut kinds: [[&mut [u8]; MAX_LEVELS]; Picture::ALL.len()] =
+        from_fn(|_| from_fn(|_| Default::default()));
+    let (mut rest, mut at) = (bytes, 0);
+    // In the order in which they lie in memory.
+    for i in 0..geometry.levels().len() {
+        for (levels, picture) in kinds.iter_mut().zip(Picture::ALL) {
             let place = geometry.place(i, picture, slot);
-            let out = &mut own[place.start - finer.len()..place.end - finer.len()];
-            match from {
-                Some(_) => pyramid::halve(image, out),
-                None => pyramid::resize(image, (level.scale, level.scale), out),
-            };
+            let (own, behind) = slices::split_mut(rest, place.end - at);
+            (rest, at) = (behind, place.end);
+            levels[i] = slices::split_mut(own, own.len() - place.len()).1;
         }
+    }
+    threads::pieces(&mut kinds, 1, true, |number, kinds| {
+        for (levels, picture) in kinds.iter_mut().zip(&Picture::ALL[number..]) {
+            build_kind(geometry, frame, *picture, levels);
+        }
+    });
+}
+
+/// [`build`] for one kind of pictures.
+fn build_kind(
+    geometry: &Geometry,
+    frame: &Halvings<'_>,
+    picture: Picture,
+    levels: &mut [&mut [u8]; MAX_LEVELS],
+) {
+    for (i, level) in geometry.levels().iter().enumerate().skip(1) {
+        let (finer, own) = slices::split_mut(levels, i);
+        let Some(out) = own.first_mut() else { return };
+        let from = i.checked_sub(geometry.scales_per_octave);
+        let source = from.unwrap_or(0);
+        let finer_level = geometry.level(source);
+        let pixels: &[u8] = finer.get(source).map_or(&[], |pixels| pixels);
+        let image = match (picture, finer_level.halvings()) {
+            (Picture::Grey, _) if level.halvings().is_some() => continue,
+            (Picture::Grey, Some(halvings)) => frame[halvings],
+            (Picture::Grey, None) => packed(pixels, (finer_level.width, finer_level.height)),
+            _ => packed(pixels, finer_level.differences),
+        };
+        match from {
+            Some(_) => pyramid::halve(image, out),
+            None => pyramid::resize(image, (level.scale, level.scale), out),
+        };
     }
 }
 
@@ -332,18 +363,20 @@ impl<'a> Pyramid<'a> {
     pub fn searched(&self) -> impl Iterator<Item = Pictures<'a>> + use<'a> {
         let this = *self;
         let numbers = 0..this.levels().len();
-        numbers.filter(move |&i| this.levels()[i].active).map(move |i| this.level(i))
+        numbers.filter(move |&i| this.geometry.level(i).active).map(move |i| this.level(i))
     }
 
     /// Pictures of level `number`. Panics if there is no such level.
     pub fn level(&self, number: usize) -> Pictures<'a> {
-        let level = self.levels()[number];
+        let level = self.geometry.level(number);
         let picture = |picture, age: usize| {
             let place = self.geometry.place(number, picture, self.slots[age]);
             match (picture, level.halvings()) {
                 (Picture::Grey, Some(halvings)) => self.frames[age][halvings],
-                (Picture::Grey, None) => packed(&self.bytes[place], (level.width, level.height)),
-                _ => packed(&self.bytes[place], level.differences),
+                (Picture::Grey, None) => {
+                    packed(slices::of(self.bytes, place), (level.width, level.height))
+                }
+                _ => packed(slices::of(self.bytes, place), level.differences),
             }
         };
         let halved = self.geometry.history == History::Half;

@@ -47,6 +47,19 @@ impl Scored {
     }
 }
 
+/// Memory for one cube at a time.
+#[derive(Debug)]
+pub struct Workspace {
+    /// The cube.
+    pub cube: Cube,
+    spans: Spans,
+}
+
+impl Workspace {
+    /// Nothing in it.
+    pub const EMPTY: Self = Self { cube: Cube::EMPTY, spans: Spans::EMPTY };
+}
+
 /// The classifier of st-cubes on the newest frame.
 #[derive(Debug, Clone, Copy)]
 pub struct CubeClassifier<'a> {
@@ -65,9 +78,9 @@ pub struct CubeClassifier<'a> {
 impl CubeClassifier<'_> {
     /// Scores a proposal by its cube and predicts its box; `None` if the cascade rejects it.
     #[inline(never)]
-    pub fn classify(&self, candidate: &Candidate, cube: &mut Cube) -> Option<Scored> {
+    pub fn classify(&self, candidate: &Candidate, workspace: &mut Workspace) -> Option<Scored> {
+        let Workspace { cube, spans } = workspace;
         let path = self.cut(candidate, window(candidate), cube);
-        let mut spans = Spans::EMPTY;
         let cube = &spans.ready(cube);
         let test = |feature, threshold| self.test(feature, threshold, cube);
         let score =
@@ -79,10 +92,10 @@ impl CubeClassifier<'_> {
     /// Re-evaluates a detection centred on its box, on the level nearest to its size and on its neighbours. Boxes are most
     /// exact for centred targets; score and box become means over the levels, then the box is refined ([`Fit::fit`]).
     #[inline(never)]
-    pub fn refine(&self, judged: &mut Scored, cube: &mut Cube) {
+    pub fn refine(&self, judged: &mut Scored, workspace: &mut Workspace) {
         let Scored { candidate, detection } = *judged;
         let Some(level) = self.level_of(&detection.rect) else { return };
-        let centred = self.reevaluate(&candidate, &detection.rect, level, cube);
+        let centred = self.reevaluate(&candidate, &detection.rect, level, workspace);
         let Some(level) = self.level_of(&centred.rect) else { return };
         let mut score = i64::from(detection.score);
         let (mut sums, mut looks) = ([0i64; 4], 0u32);
@@ -91,7 +104,7 @@ impl CubeClassifier<'_> {
             if !self.channels.pyramid.levels().get(level).is_some_and(|l| l.active) {
                 continue;
             }
-            let again = self.reevaluate(&candidate, &centred.rect, level, cube);
+            let again = self.reevaluate(&candidate, &centred.rect, level, workspace);
             score += i64::from(again.score);
             let Rect { x, y, width, height } = again.rect;
             for (sum, value) in sums.iter_mut().zip([x + width / 2, y + height / 2, width, height])
@@ -107,7 +120,7 @@ impl CubeClassifier<'_> {
         let score = score.div_euclid(i64::from(looks) + 1) as i32;
         judged.detection = Detection { rect, score, ..centred };
         if self.trace && self.method.alignment != Alignment::Regressors {
-            self.trace(&mut judged.detection, cube);
+            self.trace(&mut judged.detection, &mut workspace.cube);
         }
     }
 
@@ -143,12 +156,13 @@ impl CubeClassifier<'_> {
         candidate: &Candidate,
         rect: &Rect,
         level: usize,
-        cube: &mut Cube,
+        workspace: &mut Workspace,
     ) -> Detection {
-        let at = Position::centred(centre(rect), self.channels.pyramid.levels()[level].scale);
+        let at =
+            Position::centred(centre(rect), self.channels.pyramid.geometry().level(level).scale);
         let candidate = Candidate { level: level as u8, ..*candidate };
+        let Workspace { cube, spans } = workspace;
         let path = self.cut(&candidate, at, cube);
-        let mut spans = Spans::EMPTY;
         let cube = &spans.ready(cube);
         let test = |feature, threshold| self.test(feature, threshold, cube);
         let score =
@@ -195,7 +209,7 @@ impl CubeClassifier<'_> {
         cube: &Ready<'_>,
         score: i32,
     ) -> Detection {
-        let level = &self.channels.pyramid.levels()[usize::from(candidate.level)];
+        let level = self.channels.pyramid.geometry().level(usize::from(candidate.level));
         let test = |feature, threshold| self.test(feature, threshold, cube);
         let [x, y, width, height] = self.model.boxes().each_ref().map(|forest| forest.score(test));
         // Q8 cells to Q8 pixels of the frame. A centre farther than a window away is none of this window's.

@@ -18,8 +18,7 @@ use crate::model::{Method, Model};
 use crate::registration::global_motion::Motion;
 use crate::scan::cascade::Candidate;
 use crate::scan::{self, Counts, Scratch, window};
-use crate::stcube::cube::Cube;
-use classifier::{CubeClassifier, Scored};
+use classifier::{CubeClassifier, Scored, Workspace};
 use temporal_score::Persistence;
 
 pub use crate::channels::history::History;
@@ -431,23 +430,23 @@ fn decide(
 ) {
     let mut found: heapless::Vec<Scored, MAX_CANDIDATES> = heapless::Vec::new();
     for candidate in candidates {
-        let level = &classifier.channels.pyramid.levels()[usize::from(candidate.level)];
+        let level = classifier.channels.pyramid.geometry().level(usize::from(candidate.level));
         // As much room as there are candidates, here and below.
         let _ = detections.proposals.push(level.nominal_box(window(candidate)));
     }
     let parallel = config.parallel && threads::several();
-    let mut cube = Cube::EMPTY;
+    let mut workspace = Workspace::EMPTY;
     if parallel {
         let mut scored = [None; MAX_CANDIDATES];
         threads::pieces(&mut scored[..candidates.len()], PIECE, true, |number, scored| {
-            let mut cube = Cube::EMPTY;
+            let mut workspace = Workspace::EMPTY;
             for (scored, candidate) in scored.iter_mut().zip(&candidates[number * PIECE..]) {
-                *scored = classifier.classify(candidate, &mut cube);
+                *scored = classifier.classify(candidate, &mut workspace);
             }
         });
         found.extend(scored.into_iter().flatten());
     } else {
-        found.extend(candidates.iter().filter_map(|c| classifier.classify(c, &mut cube)));
+        found.extend(candidates.iter().filter_map(|c| classifier.classify(c, &mut workspace)));
     }
     found.sort_unstable_by_key(Scored::rank);
     let suppress = |found: &mut [Scored]| {
@@ -460,11 +459,11 @@ fn decide(
     let refined = MAX_REFINED[config.method.history as usize].min(found.len());
     if parallel {
         threads::pieces(&mut found[..refined], 1, true, |_, scored| {
-            let mut cube = Cube::EMPTY;
-            scored.iter_mut().for_each(|scored| classifier.refine(scored, &mut cube));
+            let mut workspace = Workspace::EMPTY;
+            scored.iter_mut().for_each(|scored| classifier.refine(scored, &mut workspace));
         });
     } else {
-        found[..refined].iter_mut().for_each(|scored| classifier.refine(scored, &mut cube));
+        found[..refined].iter_mut().for_each(|scored| classifier.refine(scored, &mut workspace));
     }
     if config.method.persistence {
         for Scored { detection, .. } in &mut found {

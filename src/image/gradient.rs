@@ -139,10 +139,10 @@ impl<'a> CellRow<'a> {
 /// The pixels of a cell and those beside them.
 #[derive(Debug, Clone, Copy)]
 pub struct CellPixels {
-    above: [i32; CELL],
+    pub(super) above: [i32; CELL],
     /// One more on either side.
-    rows: [[i32; CELL + 2]; CELL],
-    below: [i32; CELL],
+    pub(super) rows: [[i32; CELL + 2]; CELL],
+    pub(super) below: [i32; CELL],
 }
 
 impl CellPixels {

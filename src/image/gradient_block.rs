@@ -5,7 +5,8 @@
 //! right of the cell}. One value of every cell lies side by side, so that the loops below become vector instructions.
 
 use super::Image;
-use super::gradient::{CELL, CellRow, ORIENTATIONS, THIRDS};
+use super::gradient::{CELL, CellPixels, CellRow, ORIENTATIONS, THIRDS};
+use crate::math::slices;
 
 /// Cells of a row that are taken at a time.
 const BLOCK: usize = 64;
@@ -151,8 +152,8 @@ fn words(row: &[u8], first: usize, cells: usize) -> [u16; BLOCK + 1] {
 
 impl CellRow<'_> {
     /// Planes of the first `columns` cells, one after the other: the energies as
-    /// [`CellPixels::energies`](super::gradient::CellPixels::energies) gives them, the orientations 0 unless `oriented`,
-    /// then the mean grey level. Panics if there are fewer cells, or fewer bytes than [`PLANES`] times `columns`.
+    /// [`CellPixels::energies`](super::gradient::CellPixels::energies) gives them, the orientations as they were unless
+    /// `oriented`, then the mean grey level. Panics if there are fewer cells, or fewer bytes than [`PLANES`] times `columns`.
     pub fn fill(&self, columns: usize, oriented: bool, planes: &mut [u8]) {
         if !cfg!(feature = "simd") {
             self.fill_by_cells(columns, oriented, planes);
@@ -165,24 +166,50 @@ impl CellRow<'_> {
 
     /// As [`CellRow::fill`], cell by cell: for processors without vector instructions.
     fn fill_by_cells(&self, columns: usize, oriented: bool, planes: &mut [u8]) {
-        let (orientations, rest) = planes.split_at_mut(ORIENTATIONS * columns);
-        let (magnitudes, greys) = rest.split_at_mut(columns);
+        let (orientations, rest) = slices::split_mut(planes, ORIENTATIONS * columns);
+        let (magnitudes, greys) = slices::split_mut(rest, columns);
         if !oriented {
-            orientations.fill(0);
+            return self.fill_plain_by_cells(magnitudes, slices::part_mut(greys, 0, columns));
         }
-        for (x, (magnitude, grey)) in magnitudes.iter_mut().zip(&mut greys[..columns]).enumerate() {
+        for (x, (magnitude, grey)) in
+            magnitudes.iter_mut().zip(slices::part_mut(greys, 0, columns)).enumerate()
+        {
             let cell = self.cell(x);
             *grey = cell.grey();
-            if !oriented {
-                *magnitude = cell.magnitude();
-                continue;
-            }
             let [energies @ .., all] = cell.energies();
             *magnitude = all;
-            for (plane, energy) in orientations.chunks_exact_mut(columns).zip(energies) {
+            for (plane, energy) in slices::rows_mut(orientations, columns).zip(energies) {
                 plane[x] = energy;
             }
         }
+    }
+
+    /// Magnitudes and mean grey levels alone. Each pixel is loaded once.
+    fn fill_plain_by_cells(&self, magnitudes: &mut [u8], greys: &mut [u8]) {
+        fn pairs(row: &[u8]) -> &[[u8; CELL]] {
+            row.as_chunks().0
+        }
+        let [upper, lower] = self.rows.map(pairs);
+        let (above, below) = (pairs(self.above), pairs(self.below));
+        let Some((&[first, _], &[second, _])) = upper.first().zip(lower.first()) else { return };
+        // Left of the picture its first pixels repeat.
+        let mut left = [i32::from(first), i32::from(second)];
+        let behind = upper.iter().skip(1).zip(lower.iter().skip(1));
+        let rows = upper.iter().zip(lower).zip(behind).zip(above).zip(below);
+        for ((magnitude, grey), ((((a, b), (c, d)), above), below)) in
+            magnitudes.iter_mut().zip(greys.iter_mut()).zip(rows)
+        {
+            let rows = [(left[0], *a, c[0]), (left[1], *b, d[0])];
+            let rows = rows.map(|(left, [a, b], right)| [left, a.into(), b.into(), right.into()]);
+            let cell =
+                CellPixels { above: above.map(i32::from), rows, below: below.map(i32::from) };
+            (*magnitude, *grey) = (cell.magnitude(), cell.grey());
+            left = rows.map(|[_, _, second, _]| second);
+        }
+        // The last one, right of which there may be no pixel.
+        let last = magnitudes.len() - 1;
+        let cell = self.cell(last);
+        (magnitudes[last], greys[last]) = (cell.magnitude(), cell.grey());
     }
 
     #[inline(always)]
@@ -197,7 +224,8 @@ impl CellRow<'_> {
                 [cell_words(&above), cell_words(&upper), cell_words(&lower), cell_words(&below)];
             let mut out = [[0; BLOCK]; PLANES];
             energies::<BLOCK, ORIENTED>(rows, &mut out);
-            for (plane, out) in planes.chunks_exact_mut(columns).zip(&out) {
+            let left_out = if ORIENTED { 0 } else { ORIENTATIONS };
+            for (plane, out) in slices::rows_mut(planes, columns).zip(&out).skip(left_out) {
                 let plane = &mut plane[first..first + cells];
                 match plane.first_chunk_mut() {
                     Some(plane) => *plane = *out,
@@ -312,7 +340,7 @@ mod tests {
                     let cell = row.cell(x);
                     let mut energies = cell.energies();
                     if !oriented {
-                        energies[..ORIENTATIONS].fill(0);
+                        energies[..ORIENTATIONS].fill(9);
                     }
                     prop_assert_eq!(energies[ORIENTATIONS], cell.magnitude());
                     for (channel, energy) in energies.into_iter().chain([cell.grey()]).enumerate() {

@@ -2,29 +2,34 @@
 
 use crate::image::Rect;
 
+/// Most items that can be kept.
+pub const MAX_KEPT: usize = 64;
+
 /// Keeps of `items`, which come best first, those whose box overlaps none of the kept ones by more than
-/// `overlap` (intersection over union, Q8), in their order at the start of the slice. At most `most` are kept; returns
-/// how many are, and how many more there would have been.
+/// `overlap` (intersection over union, Q8), in their order at the start of the slice. At most `most` and [`MAX_KEPT`] are kept;
+/// returns how many are, and how many more there would have been.
 pub fn suppress<T>(
     items: &mut [T],
     rect: impl Fn(&T) -> Rect,
     overlap: u8,
     most: usize,
 ) -> (usize, u32) {
-    let (mut kept, mut dropped) = (0, 0);
+    let most = most.min(MAX_KEPT);
+    let mut dropped = 0;
+    let mut boxes: heapless::Vec<Rect, MAX_KEPT> = heapless::Vec::new();
     for i in 0..items.len() {
         let candidate = rect(&items[i]);
-        if items[..kept].iter().any(|other| rect(other).overlaps(&candidate, overlap)) {
+        if boxes.iter().any(|other| other.overlaps(&candidate, overlap)) {
             continue;
         }
-        if kept < most {
+        let kept = boxes.len();
+        if kept < most && boxes.push(candidate).is_ok() {
             items.swap(kept, i);
-            kept += 1;
         } else {
             dropped += 1;
         }
     }
-    (kept, dropped)
+    (boxes.len(), dropped)
 }
 
 #[cfg(test)]

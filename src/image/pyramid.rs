@@ -1,6 +1,7 @@
 //! Reduction of pictures: by two, and by fractions of an octave (level 1).
 
 use crate::image::Image;
+use crate::math::slices;
 use crate::math::threads;
 
 /// Columns blended at a time by [`resize`]: a strip on the stack, so that no caller's buffer is needed.
@@ -19,7 +20,7 @@ pub fn halve(src: Image<'_>, dst: &mut [u8]) -> (usize, usize) {
     if width == 0 || height == 0 {
         return (width, height);
     }
-    for (y, out) in dst[..width * height].chunks_exact_mut(width).enumerate() {
+    for (y, out) in slices::rows_mut(slices::part_mut(dst, 0, width * height), width).enumerate() {
         halve_rows(src.row(2 * y), src.row(2 * y + 1), out);
     }
     (width, height)
@@ -56,20 +57,22 @@ pub fn resize(src: Image<'_>, steps: (u32, u32), dst: &mut [u8]) -> (usize, usiz
         return (width, height);
     }
     if steps == (65536, 65536) {
-        for (y, out) in dst[..width * height].chunks_exact_mut(width).enumerate() {
-            out.copy_from_slice(src.row(y));
+        for (y, out) in
+            slices::rows_mut(slices::part_mut(dst, 0, width * height), width).enumerate()
+        {
+            slices::copy(src.row(y), out);
         }
         return (width, height);
     }
     let last_y = src.height() - 1;
-    threads::pieces(&mut dst[..width * height], BAND * width, true, |number, dst| {
+    threads::pieces(slices::part_mut(dst, 0, width * height), BAND * width, true, |number, dst| {
         let mut left = 0;
         while left < width {
             let columns = Columns::new(left, width, step_x, src.width());
-            for (y, out) in (number * BAND..).zip(dst.chunks_exact_mut(width)) {
+            for (y, out) in (number * BAND..).zip(slices::rows_mut(dst, width)) {
                 let (y0, weight) = sample(y, step_y, last_y);
                 let rows = [y0, (y0 + 1).min(last_y)].map(|y| &src.row(y)[columns.source.clone()]);
-                columns.blend(rows, weight, &mut out[left..left + columns.count]);
+                columns.blend(rows, weight, slices::part_mut(out, left, columns.count));
             }
             left += columns.count;
         }

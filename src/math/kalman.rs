@@ -25,12 +25,14 @@ pub struct Spread {
 
 impl Spread {
     /// Of standard deviations in thousandths, independent of each other; at most 10 000 each.
+    #[inline(never)]
     pub fn new(value: Real, rate: Real) -> Self {
         Self { value: value * value, both: ZERO, rate: rate * rate }
     }
 
     /// `dt` (0 to 1) seconds later; the rate's error grows by the factor `bend` (1/2 to 2), `noise` (0 to 10) is the
     /// rate's standard deviation after a second, by a random acceleration.
+    #[inline(never)]
     pub fn predict(&mut self, dt: Real, bend: Real, noise: Real) {
         let Self { value, both, rate } = *self;
         let noise = (noise * MILLI) * (noise * MILLI) * dt;
@@ -40,6 +42,7 @@ impl Spread {
         self.limit();
     }
 
+    #[inline(never)]
     fn limit(&mut self) {
         self.value = self.value.clamp(ratio(1, 1000), MAX_VARIANCE);
         self.rate = self.rate.clamp(ratio(1, 1000), MAX_VARIANCE);
@@ -48,6 +51,7 @@ impl Spread {
     }
 
     /// Gains of value and rate for a measurement of the value with this variance.
+    #[inline(never)]
     pub fn update(&mut self, variance: Real) -> [Real; 2] {
         let sum = self.value + variance.min(MAX_VARIANCE);
         let gains = [divide(self.value, sum), divide(self.both, sum)];
@@ -60,6 +64,7 @@ impl Spread {
     }
 
     /// As [`Spread::update`] for a measurement of the rate.
+    #[inline(never)]
     pub fn update_rate(&mut self, variance: Real) -> [Real; 2] {
         let sum = self.rate + variance.min(MAX_VARIANCE);
         let gains = [divide(self.both, sum), divide(self.rate, sum)];

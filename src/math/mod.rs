@@ -6,4 +6,5 @@ pub mod fixed;
 pub mod kalman;
 pub mod linear;
 pub mod real;
+pub mod slices;
 pub mod threads;

@@ -2,6 +2,9 @@
 //!
 //! Everything is a [`Real`], Q32.32. Series are short because their argument is brought near 0 first; errors are below
 //! 1e-7 unless said otherwise. Results saturate where they do not fit.
+//!
+//! Nothing here is inlined: on a processor of 32 bits each product of 64 is dozens of instructions, and written out wherever
+//! geometry and tracks multiply they were a third of a board's flash. A frame has few of them.
 
 use fixed::types::I32F32;
 
@@ -26,12 +29,14 @@ pub const fn ratio(numerator: i32, denominator: i32) -> Real {
 }
 
 /// Square root, rounded down; 0 for negative numbers.
+#[inline(never)]
 pub fn sqrt(value: Real) -> Real {
     let bits = u128::try_from(value.to_bits()).unwrap_or(0) << 32;
     Real::from_bits(bits.isqrt() as i64)
 }
 
 /// Quotient, saturated; 0 divided by 0 is 0.
+#[inline(never)]
 pub fn divide(a: Real, b: Real) -> Real {
     if b == ZERO {
         return if a == ZERO { ZERO } else { extreme(a < ZERO) };
@@ -44,6 +49,7 @@ fn extreme(negative: bool) -> Real {
 }
 
 /// Sine and cosine of an angle in radians, which is clamped to 2^20 in magnitude; error below 1e-6 within some turns.
+#[inline(never)]
 pub fn sin_cos(angle: Real) -> (Real, Real) {
     let angle = angle.clamp(Real::from_num(-(1 << 20)), Real::from_num(1 << 20));
     let quarters = (angle * Real::FRAC_2_PI).round();
@@ -67,6 +73,7 @@ pub fn sin_cos(angle: Real) -> (Real, Real) {
 }
 
 /// Angle of the point (x, y) to the x axis in radians, -pi to pi; 0 for the origin.
+#[inline(never)]
 pub fn atan2(y: Real, x: Real) -> Real {
     let (rise, run) = (y.saturating_abs(), x.saturating_abs());
     if rise == ZERO && run == ZERO {
@@ -91,6 +98,7 @@ pub fn atan2(y: Real, x: Real) -> Real {
 }
 
 /// Natural logarithm; that of the smallest positive number (-22.2) for 0 and below.
+#[inline(never)]
 pub fn ln(value: Real) -> Real {
     let bits = value.to_bits().max(1) as u64;
     let log2 = 31 - bits.leading_zeros() as i32;
@@ -110,6 +118,7 @@ pub fn ln(value: Real) -> Real {
 }
 
 /// Exponential function; the argument is clamped to -20..=20. Relative error below 1e-7 above 1.
+#[inline(never)]
 pub fn exp(value: Real) -> Real {
     let value = value.clamp(Real::from_num(-20), Real::from_num(20));
     let whole = (value / Real::LN_2).round();
@@ -123,26 +132,31 @@ pub fn exp(value: Real) -> Real {
 }
 
 /// Sum of products; for vectors whose products fit.
+#[inline(never)]
 pub fn dot(a: Vector, b: Vector) -> Real {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Cross product a × b.
+#[inline(never)]
 pub fn cross(a: Vector, b: Vector) -> Vector {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// `a + b * scale`.
+#[inline(never)]
 pub fn add(a: Vector, b: Vector, scale: Real) -> Vector {
     core::array::from_fn(|i| a[i] + b[i] * scale)
 }
 
 /// Length of a vector; for vectors below 2^15.
+#[inline(never)]
 pub fn norm(a: Vector) -> Real {
     sqrt(dot(a, a))
 }
 
 /// The vector at length 1; forward (x) where it has no length. For vectors below 2^15.
+#[inline(never)]
 pub fn unit(a: Vector) -> Vector {
     // A short vector would lose its bits in the squares.
     let largest = a.into_iter().map(Real::saturating_abs).max().unwrap_or(ZERO);
@@ -155,6 +169,7 @@ pub fn unit(a: Vector) -> Vector {
 }
 
 /// Rejection: the component of `a` perpendicular to the unit vector `axis`.
+#[inline(never)]
 pub fn across(a: Vector, axis: Vector) -> Vector {
     add(a, axis, -dot(a, axis))
 }

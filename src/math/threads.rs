@@ -10,7 +10,7 @@ pub fn several() -> bool {
 }
 
 /// Calls `work` with the number and the items of each piece of `items`, of `length` items but for the last; at the same
-/// time if `parallel`. Panics if `length` is 0.
+/// time if `parallel`. A length of 0 counts as 1.
 pub fn pieces<T: Send>(
     items: &mut [T],
     length: usize,
@@ -20,14 +20,26 @@ pub fn pieces<T: Send>(
     #[cfg(feature = "rayon")]
     if parallel && several() {
         use rayon::prelude::*;
-        let pieces = items.par_chunks_mut(length).enumerate();
+        let pieces = items.par_chunks_mut(length.max(1)).enumerate();
         pieces.for_each(|(number, piece)| work(number, piece));
         return;
     }
     let _ = parallel;
-    for (number, piece) in items.chunks_mut(length).enumerate() {
+    for (number, piece) in items.chunks_mut(length.max(1)).enumerate() {
         work(number, piece);
     }
+}
+
+/// Does both pieces of work, at the same time if `parallel`.
+pub fn both(parallel: bool, first: impl FnOnce() + Send, second: impl FnOnce() + Send) {
+    #[cfg(feature = "rayon")]
+    if parallel && several() {
+        rayon::join(first, second);
+        return;
+    }
+    let _ = parallel;
+    first();
+    second();
 }
 
 #[cfg(test)]
@@ -46,6 +58,14 @@ mod tests {
                 });
                 assert_eq!(items, (0..count).collect::<Vec<_>>());
             }
+        }
+    }
+    #[test]
+    fn both_are_done() {
+        for parallel in [false, true] {
+            let (mut first, mut second) = (0, 0);
+            both(parallel, || first = 1, || second = 2);
+            assert_eq!((first, second), (1, 2));
         }
     }
 }

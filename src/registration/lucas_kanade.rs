@@ -8,6 +8,12 @@ use crate::image::Image;
 /// Side of the window that is tracked, in pixels.
 pub const WINDOW: usize = 10;
 
+/// Room for the samples of a row: whole vectors, where there are vector instructions. Behind the samples are zeros.
+const LANES: usize = if cfg!(feature = "simd") { 16 } else { WINDOW + 2 };
+
+/// How many of them are added up: all where there are vector instructions, else the samples alone.
+const TAKEN: usize = if cfg!(feature = "simd") { LANES } else { WINDOW };
+
 /// Pixels between a corner and the picture's edge, so that the window with its gradients fits.
 pub const MARGIN: usize = WINDOW / 2 + 2;
 
@@ -89,25 +95,34 @@ fn strongest(image: Image<'_>, (x, y): (usize, usize), best: &mut Corner) {
     }
 }
 
+/// Pixels of a row that [`responses`] takes: of a block, with two more on either side, and room for whole vectors.
+const ROOM: usize = 2 * BLOCK;
+
+/// The first pixels of `row`; behind its end 0.
+#[inline(always)]
+fn widened(row: &[u8]) -> [i16; ROOM] {
+    let mut values = [0; ROOM];
+    match row.first_chunk::<ROOM>() {
+        Some(row) => {
+            for (value, &pixel) in values.iter_mut().zip(row) {
+                *value = pixel.into();
+            }
+        }
+        None => values.iter_mut().zip(row).for_each(|(value, &v)| *value = v.into()),
+    }
+    values
+}
+
 /// Corner response of the block at (x, y): determinant less a sixteenth of the squared trace of the gradient matrix
 /// summed over 3x3 pixels.
 #[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
 fn responses(image: Image<'_>, x: usize, y: usize) -> [[i32; BLOCK]; BLOCK] {
-    // The block with one pixel more on every side, and room for whole vectors: there are [`MARGIN`] pixels.
+    // The block with one pixel more on every side: there are [`MARGIN`] pixels.
     const ROWS: usize = BLOCK + 2;
-    const ROOM: usize = 2 * BLOCK;
     let mut sums = [[[0i16; BLOCK]; 3]; ROWS];
     for (j, sums) in sums.iter_mut().enumerate() {
-        let row = |k: usize| -> [i16; ROOM] {
-            let row = &image.row(y + j + k - 2)[x - 2..];
-            let mut values = [0; ROOM];
-            match row.first_chunk::<ROOM>() {
-                Some(row) => values = row.map(i16::from),
-                None => values.iter_mut().zip(row).for_each(|(value, &v)| *value = v.into()),
-            }
-            values
-        };
-        let (above, here, below) = (row(0), row(1), row(2));
+        let from = |k: usize| &image.row(y + j + k - 2)[x - 2..];
+        let (above, here, below) = (widened(from(0)), widened(from(1)), widened(from(2)));
         let (mut across, mut down) = ([0i16; ROOM], [0i16; ROOM]);
         for i in 0..ROOM - 2 {
             let limited = |difference: i16| difference.clamp(-GRADIENT_LIMIT, GRADIENT_LIMIT);
@@ -116,7 +131,10 @@ fn responses(image: Image<'_>, x: usize, y: usize) -> [[i32; BLOCK]; BLOCK] {
         }
         let factors = [[&across, &across], [&across, &down], [&down, &down]];
         for (sums, [a, b]) in sums.iter_mut().zip(factors) {
-            let products: [i16; ROOM] = core::array::from_fn(|i| a[i] * b[i]);
+            let mut products = [0; ROOM];
+            for (product, (a, b)) in products.iter_mut().zip(a.iter().zip(b)) {
+                *product = a * b;
+            }
             for (i, sum) in sums.iter_mut().enumerate() {
                 *sum = products[i] + products[i + 1] + products[i + 2];
             }
@@ -137,6 +155,7 @@ fn responses(image: Image<'_>, x: usize, y: usize) -> [[i32; BLOCK]; BLOCK] {
 /// Where the surroundings of `point` in `from` lie in `to`: the shift from `point`, found from the first guess
 /// `shift`. Both in pixels, Q8, continuous coordinates. `None` where the window leaves a picture, has no structure
 /// in one direction, or does not come to look alike.
+#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
 pub fn track(
     from: Image<'_>,
     to: Image<'_>,
@@ -144,20 +163,23 @@ pub fn track(
     guess: (i32, i32),
 ) -> Option<(i32, i32)> {
     const AREA: i64 = (WINDOW * WINDOW) as i64;
-    let mut around = [[0i16; WINDOW + 2]; WINDOW + 2];
+    let mut around = [[0i16; LANES]; WINDOW + 2];
     let (at_x, at_y) = sample(from, point, &mut around)?;
     // The template was taken at the nearest sixteenth of a pixel.
     let point = (at_x, at_y);
 
-    let mut template = [[0i16; WINDOW]; WINDOW];
+    let mut template = [[0i16; LANES]; WINDOW];
     let (mut gx, mut gy) = (template, template);
     let (mut xx, mut xy, mut yy, mut sum_x, mut sum_y) = (0i32, 0i32, 0i32, 0i32, 0i32);
-    for j in 0..WINDOW {
+    for (j, rows) in around.windows(3).enumerate() {
+        let [above, here, below] = rows else { continue };
         for i in 0..WINDOW {
-            template[j][i] = around[j + 1][i + 1];
-            gx[j][i] = (around[j + 1][i + 2] - around[j + 1][i]) >> 1;
-            gy[j][i] = (around[j + 2][i + 1] - around[j][i + 1]) >> 1;
-            let (x, y) = (i32::from(gx[j][i]), i32::from(gy[j][i]));
+            template[j][i] = here[i + 1];
+            gx[j][i] = (here[i + 2] - here[i]) >> 1;
+            gy[j][i] = (below[i + 1] - above[i + 1]) >> 1;
+        }
+        for (x, y) in gx[j].iter().zip(&gy[j]).take(TAKEN) {
+            let (x, y) = (i32::from(*x), i32::from(*y));
             xx += x * x;
             xy += x * y;
             yy += y * y;
@@ -182,15 +204,16 @@ pub fn track(
 
     let start = guess;
     let mut shift = guess;
-    let mut window = [[0i16; WINDOW]; WINDOW];
+    let mut window = [[0i16; LANES]; WINDOW];
     for _ in 0..MAX_STEPS {
         let place = sample(to, (point.0 + shift.0, point.1 + shift.1), &mut window)?;
         let (mut ex, mut ey, mut e, mut size) = (0i32, 0i32, 0i32, 0i32);
         for j in 0..WINDOW {
-            for i in 0..WINDOW {
-                let error = template[j][i] - window[j][i];
-                ex += i32::from(error) * i32::from(gx[j][i]);
-                ey += i32::from(error) * i32::from(gy[j][i]);
+            let (template, window, gx, gy) = (&template[j], &window[j], &gx[j], &gy[j]);
+            for i in 0..TAKEN {
+                let error = template[i] - window[i];
+                ex += i32::from(error) * i32::from(gx[i]);
+                ey += i32::from(error) * i32::from(gy[i]);
                 e += i32::from(error);
                 size += i32::from(error.abs());
             }
@@ -212,33 +235,54 @@ pub fn track(
     None
 }
 
-/// Bilinear samples (grey levels, Q4) a pixel apart, their middle at `centre` (Q8); returns the centre that was
-/// taken, a multiple of a sixteenth of a pixel. `None` if a sample would lie outside.
+/// Bilinear samples (grey levels, Q4) a pixel apart, as many in each row as there are rows, their middle at `centre` (Q8);
+/// those behind them are 0. Returns the centre that was taken, a multiple of a sixteenth of a pixel. `None` if a sample
+/// would lie outside.
+#[inline(always)]
 fn sample<const N: usize>(
     image: Image<'_>,
     centre: (i32, i32),
-    out: &mut [[i16; N]; N],
+    out: &mut [[i16; LANES]; N],
 ) -> Option<(i32, i32)> {
     let (x, y) = ((centre.0 + 8) >> 4, (centre.1 + 8) >> 4);
-    let place = |v: i32| usize::try_from((v >> 4) - N as i32 / 2).ok();
-    let (left, top) = (place(x)?, place(y)?);
+    let (left, top) = ((x >> 4) - N as i32 / 2, (y >> 4) - N as i32 / 2);
+    let (left, top) = (usize::try_from(left).ok()?, usize::try_from(top).ok()?);
     if left + N >= image.width() || top + N >= image.height() {
         return None;
     }
     let (wx, wy) = ((x & 15) as u16, (y & 15) as u16);
-    let across = |y: usize| -> [u16; N] {
-        let row = &image.row(y)[left..left + N + 1];
-        core::array::from_fn(|i| u16::from(row[i]) * (16 - wx) + u16::from(row[i + 1]) * wx)
-    };
-    let mut upper = across(top);
+    let taken = if TAKEN == LANES { LANES } else { N };
+    let mut upper = across::<N>(&image.row(top)[left..], wx);
     for (j, out) in out.iter_mut().enumerate() {
-        let lower = across(top + j + 1);
-        for i in 0..N {
+        let lower = across::<N>(&image.row(top + j + 1)[left..], wx);
+        for i in 0..taken {
             out[i] = ((upper[i] * (16 - wy) + lower[i] * wy + 8) >> 4) as i16;
         }
         upper = lower;
     }
     Some((x << 4, y << 4))
+}
+
+/// Mixtures of the first `N` pixels of `row` with their right neighbours, `weight` sixteenths of those; 0 behind them.
+#[inline(always)]
+fn across<const N: usize>(row: &[u8], weight: u16) -> [u16; LANES] {
+    let mut out = [0; LANES];
+    match row.first_chunk::<{ LANES + 1 }>() {
+        // Whole vectors where the picture goes on.
+        Some(row) if TAKEN == LANES => {
+            for i in 0..LANES {
+                let mixed = u16::from(row[i]) * (16 - weight) + u16::from(row[i + 1]) * weight;
+                out[i] = if i < N { mixed } else { 0 };
+            }
+        }
+        _ => {
+            let row = &row[..N + 1];
+            for i in 0..N {
+                out[i] = u16::from(row[i]) * (16 - weight) + u16::from(row[i + 1]) * weight;
+            }
+        }
+    }
+    out
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Warping of an older frame to the newest one, and temporal differences (level 3).
 
 use crate::image::Image;
+use crate::math::slices;
 use crate::math::threads;
 use crate::registration::Motion;
 
@@ -32,7 +33,7 @@ pub fn warp(
     if width == 0 || height == 0 {
         return;
     }
-    let out = &mut out[..width * height];
+    let out = slices::part_mut(out, 0, width * height);
     threads::pieces(out, BAND * width, parallel, |number, out| {
         warp_rows(previous, current, octave, chain, number * BAND, out);
     });
@@ -50,17 +51,44 @@ fn warp_rows(
 ) {
     let width = current.width();
     if chain.iter().all(Motion::is_identity) {
-        for (y, out) in (first..).zip(out.chunks_exact_mut(width)) {
-            out.copy_from_slice(previous.row(y));
+        for (y, out) in (first..).zip(slices::rows_mut(out, width)) {
+            slices::copy(previous.row(y), out);
         }
         return;
     }
-    for (top, out) in (first..).step_by(BLOCK).zip(out.chunks_mut(BLOCK * width)) {
+    // Knots below a row of blocks are those above the next one: of so many blocks they are kept.
+    const KEPT: usize = 32;
+    for start in (0..width).step_by(KEPT * BLOCK) {
+        let mut knots = [(0, 0); KEPT + 1];
+        for (x, place) in (start..width + BLOCK).step_by(BLOCK).zip(&mut knots) {
+            *place = knot(chain, octave, x, first);
+        }
+        warp_blocks(previous, current, octave, chain, (start, first), &mut knots, out);
+    }
+}
+
+/// Blocks of [`warp`] from pixel `start` on, as many as there are between `knots`, which are those of the first row of
+/// blocks and become those below the last.
+#[inline(always)]
+fn warp_blocks(
+    previous: Image<'_>,
+    current: Image<'_>,
+    octave: u32,
+    chain: &[Motion],
+    (start, first): (usize, usize),
+    knots: &mut [(i32, i32)],
+    out: &mut [u8],
+) {
+    let width = current.width();
+    for (top, out) in (first..).step_by(BLOCK).zip(out.chunks_mut((BLOCK * width).max(1))) {
         let rows = out.len() / width;
-        let knot = |x, y| knot(chain, octave, x, y);
-        let mut left = [knot(0, top), knot(0, top + BLOCK)];
-        for x in (0..width).step_by(BLOCK) {
-            let right = [knot(x + BLOCK, top), knot(x + BLOCK, top + BLOCK)];
+        let knot = |x| knot(chain, octave, x, top + BLOCK);
+        let Some((corner, others)) = knots.split_first_mut() else { return };
+        let mut left = [*corner, knot(start)];
+        *corner = left[1];
+        for (x, upper) in (start..width).step_by(BLOCK).zip(others) {
+            let right = [*upper, knot(x + BLOCK)];
+            *upper = right[1];
             for j in 0..rows {
                 let y = top + j;
                 let start = between(left, j);
@@ -68,8 +96,8 @@ fn warp_rows(
                 let slope = ((end.0 - start.0) >> 4, (end.1 - start.1) >> 4);
                 let segment = Segment { x, y, shift: start, slope };
                 let columns = BLOCK.min(width - x);
-                let out = &mut out[j * width + x..][..columns];
-                let instead = &current.row(y)[x..x + columns];
+                let out = slices::part_mut(out, j * width + x, columns);
+                let instead = slices::part(current.row(y), x, columns);
                 if segment.copy_straight::<BLOCK>(previous, out) {
                     continue;
                 }
@@ -252,7 +280,8 @@ pub fn temporal_difference(current: Image<'_>, warped: &[u8], parallel: bool, ou
     if width == 0 || height == 0 {
         return;
     }
-    let (warped, out) = (&warped[..width * height], &mut out[..width * height]);
+    let (warped, out) =
+        (slices::part(warped, 0, width * height), slices::part_mut(out, 0, width * height));
     threads::pieces(out, BAND * width, parallel, |number, out| {
         difference_rows(current, warped, number * BAND, out);
     });
@@ -263,10 +292,14 @@ pub fn temporal_difference(current: Image<'_>, warped: &[u8], parallel: bool, ou
 fn difference_rows(current: Image<'_>, warped: &[u8], first: usize, out: &mut [u8]) {
     const STRIP: usize = 128;
     let (width, height) = (current.width(), current.height());
-    for (y, out) in (first..).zip(out.chunks_exact_mut(width)) {
-        let row = |y: usize| &warped[y * width..][..width];
+    for (y, out) in (first..).zip(slices::rows_mut(out, width)) {
+        let row = |y: usize| slices::part(warped, y * width, width);
         let rows = [row(y.saturating_sub(1)), row(y), row((y + 1).min(height - 1))];
         let here = current.row(y);
+        if !cfg!(feature = "simd") {
+            difference_row_by_pixels(rows, here, out);
+            continue;
+        }
         for left in (0..width).step_by(STRIP) {
             let right = (left + STRIP).min(width);
             let n = right - left;
@@ -274,7 +307,7 @@ fn difference_rows(current: Image<'_>, warped: &[u8], first: usize, out: &mut [u
             let (from, to) = (left.saturating_sub(1), (right + 1).min(width));
             let (mut low, mut high) = ([255; STRIP + 2], [0; STRIP + 2]);
             let inner = from + 1 - left..to + 1 - left;
-            let columns = rows.map(|row| &row[from..to]);
+            let columns = rows.map(|row| slices::part(row, from, to - from));
             combine(columns, &mut low[inner.clone()], u8::min);
             combine(columns, &mut high[inner], u8::max);
             let (mut lowest, mut highest) = ([0; STRIP], [0; STRIP]);
@@ -290,6 +323,23 @@ fn difference_rows(current: Image<'_>, warped: &[u8], first: usize, out: &mut [u
     }
 }
 
+/// A row of [`temporal_difference`], pixel by pixel, from the rows of the older frame above, beside and below it: for
+/// processors without vector instructions.
+fn difference_row_by_pixels([above, beside, below]: [&[u8]; 3], current: &[u8], out: &mut [u8]) {
+    // Least and greatest of each column; beyond the edge is what changes neither.
+    const BEYOND: (u8, u8) = (255, 0);
+    let columns = above.iter().zip(beside).zip(below);
+    let mut columns = columns.map(|((&a, &b), &c)| (a.min(b).min(c), a.max(b).max(c)));
+    let (mut left, mut here) = (BEYOND, columns.next().unwrap_or(BEYOND));
+    for (out, &value) in out.iter_mut().zip(current) {
+        let right = columns.next().unwrap_or(BEYOND);
+        let low = left.0.min(here.0).min(right.0);
+        let high = left.1.max(here.1).max(right.1);
+        *out = low.saturating_sub(value) | value.saturating_sub(high);
+        (left, here) = (here, right);
+    }
+}
+
 /// The distance of each pixel of `current` from that of `warped`, in grey levels. Both slices are packed, `width * height`
 /// bytes. Panics if a slice has fewer bytes than the frame has pixels.
 pub fn plain_difference(current: Image<'_>, warped: &[u8], parallel: bool, out: &mut [u8]) {
@@ -298,9 +348,9 @@ pub fn plain_difference(current: Image<'_>, warped: &[u8], parallel: bool, out: 
         return;
     }
     let size = width * current.height();
-    threads::pieces(&mut out[..size], BAND * width, parallel, |number, out| {
-        let warped = warped[number * BAND * width..].chunks_exact(width);
-        for (y, (out, warped)) in (number * BAND..).zip(out.chunks_exact_mut(width).zip(warped)) {
+    threads::pieces(slices::part_mut(out, 0, size), BAND * width, parallel, |number, out| {
+        let warped = slices::rows(slices::split(warped, number * BAND * width).1, width);
+        for (y, (out, warped)) in (number * BAND..).zip(slices::rows_mut(out, width).zip(warped)) {
             distances(current.row(y), warped, out);
         }
     });
@@ -413,6 +463,12 @@ mod tests {
                 let value = current.row(y)[x];
                 let want = value.abs_diff(value.clamp(low, high));
                 prop_assert_eq!(got, want);
+            }
+            for (y, out) in out.chunks(w).enumerate() {
+                let rows = [y.saturating_sub(1), y, (y + 1).min(h - 1)].map(|y| &warped[y * w..][..w]);
+                let mut by_pixels = vec![1; w];
+                difference_row_by_pixels(rows, current.row(y), &mut by_pixels);
+                prop_assert_eq!(out, by_pixels);
             }
             plain_difference(current, warped, true, &mut out);
             for (i, &got) in out.iter().enumerate() {

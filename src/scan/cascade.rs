@@ -53,7 +53,7 @@ impl<'a> Map<'a> {
     pub fn values(&self, x: i16, y: i16) -> [u8; FEATURES] {
         let place = |v: i16| (i32::from(v) + PADDING as i32) as usize;
         let window = self.windows.from(place(x), place(y) - self.top);
-        core::array::from_fn(|i| window[lanes::offset(i as u16, self.windows.width)])
+        core::array::from_fn(|i| window[lanes::offset(i as u16, self.windows.width)] ^ 128)
     }
 
     fn candidate(&self, level: u8, column: usize, row: usize, score: i32) -> Candidate {
@@ -93,7 +93,7 @@ impl<'a> Map<'a> {
     #[inline(always)]
     fn test(&self, column: usize, row: usize) -> impl Fn(u16, u16) -> bool + use<'a> {
         let (window, width) = (self.windows.from(column, row), self.windows.width);
-        move |feature, threshold| u16::from(window[lanes::offset(feature, width)]) > threshold
+        move |feature, threshold| lanes::is_above(window[lanes::offset(feature, width)], threshold)
     }
 
     /// Tests of nodes that [`Map::scan`] makes, and windows.
@@ -182,7 +182,7 @@ mod tests {
                             let (row, rest) = (feature / (WINDOW * MAP_CHANNELS), feature % (WINDOW * MAP_CHANNELS));
                             let (column, channel) = (rest / MAP_CHANNELS, rest % MAP_CHANNELS);
                             let plane = (top + row) * MAP_CHANNELS + channel;
-                            let value = bytes[plane * width + left + column];
+                            let value = bytes[plane * width + left + column] ^ 128;
                             assert_eq!(values[feature], value);
                             u16::from(value) > nodes[n].threshold
                         };

@@ -10,6 +10,7 @@ use crate::channels::DIFFERENCES;
 use crate::channels::scale_space::{Geometry, Level, Pictures, Pyramid};
 use crate::channels::window::{PADDING, Position, WINDOW};
 use crate::image::nms;
+use crate::math::slices;
 use crate::trees::Forest;
 use aggregate::Strip;
 use cascade::{Candidate, Map};
@@ -139,7 +140,7 @@ pub fn search(
     parallel: bool,
     scratch: Scratch<'_>,
 ) -> (Candidates, Counts) {
-    let (found, strips) = scratch.words.split_at_mut(candidate_words(pyramid.geometry()));
+    let (found, strips) = slices::split_mut(scratch.words, candidate_words(pyramid.geometry()));
     let noise = noise(pyramid, found);
     let step = pyramid.geometry().history().stride();
     let (found, _) = found.as_chunks_mut();
@@ -160,18 +161,18 @@ pub fn search(
         &mut merge,
         |level, scratch| scan_level(cascade, level, &noise, step, scratch),
     );
-    let found = &mut found[..length];
+    let found = slices::part_mut(found, 0, length);
     found.sort_unstable_by_key(|words| {
         let Candidate { level, x, y, score } = decode(words);
         (Reverse(score), level, y, x)
     });
     let rect = |words: &[u16; CANDIDATE_WORDS]| {
         let candidate = decode(words);
-        pyramid.levels()[usize::from(candidate.level)].nominal_box(window(&candidate))
+        pyramid.geometry().level(usize::from(candidate.level)).nominal_box(window(&candidate))
     };
     let (kept, dropped) = nms::suppress(found, rect, OVERLAP, most.min(MAX_CANDIDATES));
     counts.dropped += dropped;
-    (found[..kept].iter().map(decode).collect(), counts)
+    (slices::part(found, 0, kept).iter().map(decode).collect(), counts)
 }
 
 /// Trees of `cascade` that the windows of a frame pass until they are rejected, all together, and the windows: for
@@ -181,7 +182,7 @@ pub fn count_trees(
     pyramid: &Pyramid<'_>,
     scratch: Scratch<'_>,
 ) -> (u64, u64) {
-    let (words, strips) = scratch.words.split_at_mut(candidate_words(pyramid.geometry()));
+    let (words, strips) = slices::split_mut(scratch.words, candidate_words(pyramid.geometry()));
     let noise = noise(pyramid, words);
     let step = pyramid.geometry().history().stride();
     let (mut tests, mut windows) = (0, 0);

@@ -22,17 +22,17 @@ pub const PATCH_SCALE: u32 = (SUBCELL * SUBCELL) as u32;
 pub struct Patch {
     /// Row by row; what is behind the last one stays 0.
     pub(super) corners: Corners,
-    /// Whether nothing was cut yet.
-    blank: bool,
+    /// Whether something was cut: a patch of nothing is all zeros, so that it takes no place in a program's constants.
+    written: bool,
 }
 
 impl Patch {
     /// A patch whose sums are all 0.
-    pub const EMPTY: Self = Self { corners: NOTHING, blank: true };
+    pub const EMPTY: Self = Self { corners: NOTHING, written: false };
 
     /// Sets all sums to 0.
     pub fn clear(&mut self) {
-        if !self.blank {
+        if self.written {
             *self = Self::EMPTY;
         }
     }
@@ -57,7 +57,7 @@ impl Patch {
 
     /// Sums up the window that begins `part` (quarters of a cell) right of and below the first corner of `cells`.
     fn sum_up(&mut self, cells: &Square<CORNERS>, part: (u32, u32)) {
-        self.blank = false;
+        self.written = true;
         sum_up(&mut self.corners, cells, part);
     }
 
@@ -108,10 +108,10 @@ fn sum_up(corners: &mut Corners, cells: &Square<CORNERS>, (fx, fy): (u32, u32)) 
     }
 }
 
-/// Cells of a window, as the numbers of its corners: upper left, upper right, lower left, lower right.
+/// Cells of a window, as the places of its corners in a table: upper left, upper right, lower left, lower right.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Region {
-    corners: [u8; 4],
+    corners: [usize; 4],
 }
 
 impl Region {
@@ -121,7 +121,8 @@ impl Region {
     /// [`Patch::sum`] of a summed-area table.
     #[inline(always)]
     pub(super) fn sum(&self, table: &Corners, channel: usize) -> u32 {
-        let at = |corner: u8| table[usize::from(corner) % ROOM][channel % CHANNELS];
+        let values = table.as_flattened();
+        let at = |corner: usize| values[(corner + channel) % (ROOM * CHANNELS)];
         let [a, b, c, d] = self.corners;
         at(a).wrapping_sub(at(b)).wrapping_sub(at(c)).wrapping_add(at(d))
     }
@@ -129,16 +130,10 @@ impl Region {
     /// Columns `x.0..x.1` and rows `y.0..y.1`, at most [`WINDOW`].
     #[inline(always)]
     pub const fn new(x: (u8, u8), y: (u8, u8)) -> Self {
-        const ROW: u8 = CORNERS as u8;
-        let (upper, lower) = (y.0.wrapping_mul(ROW), y.1.wrapping_mul(ROW));
-        Self {
-            corners: [
-                upper.wrapping_add(x.0),
-                upper.wrapping_add(x.1),
-                lower.wrapping_add(x.0),
-                lower.wrapping_add(x.1),
-            ],
-        }
+        const ROW: usize = CORNERS * CHANNELS;
+        let (upper, lower) = (y.0 as usize * ROW, y.1 as usize * ROW);
+        let (left, right) = (x.0 as usize * CHANNELS, x.1 as usize * CHANNELS);
+        Self { corners: [upper + left, upper + right, lower + left, lower + right] }
     }
 }
 

@@ -7,7 +7,7 @@
 
 use crate::channels::MAGNITUDE;
 use crate::channels::window::{SLICES, WINDOW};
-use crate::stcube::cube::{Cube, PATCH_SCALE, Patch, Region, SCALARS};
+use crate::stcube::cube::{PATCH_SCALE, Patch, Region, SCALARS};
 
 /// Fraction bits of a ratio.
 pub const RATIO_BITS: u32 = 10;
@@ -188,12 +188,6 @@ impl<'m> Features<'m> {
             _ => Denominator::Scalar,
         };
         Feature { denominator, channel, x: (x0, x1), y: (y0, y1), t: (t0, t1) }
-    }
-
-    /// Whether feature `number` of `cube` exceeds `threshold`.
-    #[inline]
-    pub fn exceeds(&self, number: u16, threshold: u16, cube: &Cube) -> bool {
-        self.get(number).exceeds(&cube.slices, &cube.newest, &cube.scalars, threshold)
     }
 
     /// Whether feature `number` of a single patch exceeds `threshold`: for features of slice 0, channels 0..8.

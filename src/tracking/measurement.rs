@@ -38,6 +38,7 @@ pub struct Measurement {
 }
 
 impl Measurement {
+    #[inline(never)]
     pub fn new(detection: &Detection, pose: &CameraPose<'_>, settings: &Settings) -> Self {
         let camera = pose.camera;
         let limit = I28F4::from_num(1 << 20);

@@ -135,6 +135,7 @@ const RAISED: [Level; 2] = [Level::Caution, Level::Warning];
 
 impl Alert {
     /// `holds`: the conditions of caution and warning in this frame; `None` for a frame without a detection of the object.
+    #[inline(never)]
     fn update(&mut self, holds: Option<[bool; 2]>, time_us: i64, settings: &Settings) {
         if time_us > self.evidence_until_us {
             // The conditions have to hold anew.
@@ -211,6 +212,7 @@ impl AlertMonitor {
         all
     }
 
+    #[inline(never)]
     fn track(&mut self, track: &Track, observer: &Observer<'_>) -> Traffic {
         let body = observer.attitude.inverse().rotate(track.direction);
         let camera = observer.camera;
@@ -249,6 +251,7 @@ impl AlertMonitor {
         }
     }
 
+    #[inline(never)]
     fn alert(
         &mut self,
         id: u16,
@@ -326,6 +329,7 @@ struct Course {
 }
 
 impl Course {
+    #[inline(never)]
     fn new(track: &Track, settings: &Settings) -> Self {
         let rate = Measured { value: norm(track.rate), sigma: track.rate_sigma() };
         let growth = Measured { value: track.growth, sigma: track.growth_sigma() };
@@ -370,6 +374,7 @@ impl Course {
     }
 
     /// Whether the conditions of caution and of warning hold.
+    #[inline(never)]
     fn holds(&self, settings: &Settings) -> [bool; 2] {
         let Some(time) = self.time_to_contact else { return [false; 2] };
         let sure = self.growth.value >= self.growth.sigma * settings.min_snr_warning;

@@ -109,6 +109,7 @@ impl Track {
         exp(self.size + self.aspect)
     }
 
+    #[inline(never)]
     fn start(
         id: u16,
         measurement: &Measurement,
@@ -141,6 +142,7 @@ impl Track {
         }
     }
 
+    #[inline(never)]
     fn predict(&mut self, dt: Real, settings: &Settings) {
         self.direction = unit(add(self.direction, self.rate, dt));
         self.rate = across(self.rate, self.direction);
@@ -155,6 +157,7 @@ impl Track {
     }
 
     /// Distance of a measurement in standard deviations squared; `None` outside the gate.
+    #[inline(never)]
     fn distance(&self, measurement: &Measurement) -> Option<Real> {
         let off = add(measurement.direction, self.direction, -ONE).map(|v| v * MILLI);
         let place = off.map(|v| divide(v, sqrt(self.bearing.value + measurement.variance)));
@@ -165,6 +168,7 @@ impl Track {
         (place <= GATE[0] && size <= GATE[1]).then(|| place + size)
     }
 
+    #[inline(never)]
     fn update(&mut self, measurement: &Measurement, score: i32, time_us: i64, settings: &Settings) {
         let off = across(add(measurement.direction, self.direction, -ONE), self.direction);
         let [place, speed] = self.bearing.update(measurement.variance);
