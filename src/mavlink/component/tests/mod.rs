@@ -1,5 +1,6 @@
 //! What the component hears of the vehicle and tells of traffic.
 
+mod gimbal;
 mod services;
 mod vehicles;
 
