@@ -36,6 +36,8 @@ pub struct Attitudes {
     kept: heapless::Vec<(i64, Attitude), KEPT>,
     /// About the body's axes, radians a second.
     rates: heapless::Vec<(i64, [I16F16; 3]), RATES>,
+    /// How long the newest attitude is held beyond [`BEYOND`], in microseconds.
+    held: i64,
 }
 
 /// Puts `value` where its time belongs; of too many the oldest goes.
@@ -62,7 +64,13 @@ fn insert<T, const N: usize>(kept: &mut heapless::Vec<(i64, T), N>, time_us: i64
 impl Attitudes {
     /// None known.
     pub const fn new() -> Self {
-        Self { kept: heapless::Vec::new(), rates: heapless::Vec::new() }
+        Self { kept: heapless::Vec::new(), rates: heapless::Vec::new(), held: 0 }
+    }
+
+    /// None known; of what hardly turns, as a stabilised gimbal does: the newest is held up to `age` microseconds.
+    pub const fn held_for(age: i64) -> Self {
+        let held = age.saturating_sub(BEYOND);
+        Self { kept: heapless::Vec::new(), rates: heapless::Vec::new(), held }
     }
 
     /// Takes the attitude at `time_us`, in microseconds of the clock of the frames. Late ones are put where they belong;
@@ -81,7 +89,7 @@ impl Attitudes {
 
     /// The attitude at `time_us`: between the two nearest if these are at most 0.25 s apart; else, where angular velocities
     /// come at least every 0.15 s, from an attitude at most a second away on by these; else at most 0.06 s beyond the newest;
-    /// else `None`.
+    /// else, for [`Attitudes::held_for`], what it would be there; else `None`.
     pub fn at(&self, time_us: i64) -> Option<Attitude> {
         let place = self.kept.partition_point(|(time, _)| *time < time_us);
         if let Some((time, attitude)) = self.kept.get(place)
@@ -112,9 +120,11 @@ impl Attitudes {
         }
         // Beyond the newest, as before it.
         let newest = before.filter(|_| after.is_none())?;
-        if time_us.saturating_sub(newest.0) > BEYOND {
+        let beyond = time_us.saturating_sub(newest.0);
+        if beyond > BEYOND.saturating_add(self.held) {
             return None;
         }
+        let time_us = newest.0 + beyond.min(BEYOND);
         match place.checked_sub(2).map(|i| self.kept[i]) {
             Some(earlier) if newest.0.saturating_sub(earlier.0) <= GAP => {
                 Some(between(earlier, newest, time_us))
@@ -242,6 +252,13 @@ mod tests {
         attitudes.push(-5_000_000, yaw(0.3));
         assert_eq!(attitudes.at(600_000), None);
         assert!(close(attitudes.at(-5_000_000), 0.3));
+        // Foretold for 0.06 s, then held.
+        let mut held = Attitudes::held_for(300_000);
+        (0..3).for_each(|step| held.push(step * 100_000, yaw(0.1 * step as f64)));
+        for (time, angle) in [(250_000, 0.25), (260_000, 0.26), (400_000, 0.26), (500_000, 0.26)] {
+            assert!(close(held.at(time), angle), "{time}");
+        }
+        assert_eq!(held.at(500_001), None);
     }
 
     #[test]

@@ -60,7 +60,7 @@ impl Onboard {
             tracks,
             watch: Watch::new(settings(tracks, &parameters), camera),
             attitudes: Attitudes::new(),
-            gimbal: Attitudes::new(),
+            gimbal: Attitudes::held_for(GIMBAL_STALE_US),
             given: camera,
             view: None,
             component: Component::new(config, parameters, now_us),
@@ -123,14 +123,20 @@ impl Onboard {
     /// none in the world is known either.
     fn see_from_vehicle(&self, traffic: &mut [Traffic], time_us: i64) -> bool {
         let fresh = self.is_gimbal_fresh(time_us);
-        let vehicle = self.attitudes.at(time_us).filter(|_| fresh).map(Attitude::inverse);
+        let turn = self.gimbal_on_vehicle(time_us);
         for object in traffic {
             object.ned = object.ned.filter(|_| fresh);
-            if let (Some(vehicle), Some(ned)) = (vehicle, object.ned) {
-                object.body = Direction::from(vehicle.rotate(ned.into()));
+            if let Some(turn) = turn {
+                object.body = Direction::from(turn.rotate(object.body.into()));
             }
         }
-        vehicle.is_some()
+        turn.is_some()
+    }
+
+    /// From the gimbal's axes to the vehicle's.
+    fn gimbal_on_vehicle(&self, time_us: i64) -> Option<Attitude> {
+        let gimbal = self.gimbal.at(time_us).filter(|_| self.is_gimbal_fresh(time_us))?;
+        Some(self.attitudes.at(time_us)?.inverse().after(gimbal))
     }
 
     fn is_gimbal_fresh(&self, time_us: i64) -> bool {
@@ -218,10 +224,8 @@ impl Onboard {
         if self.component.gimbal().is_none() {
             return Some(*camera);
         }
-        let fresh = self.is_gimbal_fresh(self.frame_us);
-        let gimbal = self.gimbal.at(self.frame_us).filter(|_| fresh)?;
-        let vehicle = self.attitudes.at(self.frame_us)?;
-        Some(camera.mounted(vehicle.inverse().after(gimbal).after(camera.mounting())))
+        let turn = self.gimbal_on_vehicle(self.frame_us)?;
+        Some(camera.mounted(turn.after(camera.mounting())))
     }
 
     /// The camera; on a gimbal its mounting is that in the gimbal's axes.

@@ -5,11 +5,12 @@ use super::finding::{good, note};
 use super::gimbal::Gimbals;
 use super::parameters::{self, Check, Purpose};
 use super::probe::Probe;
+use super::request::{Request, command_long};
 use super::timing::{Rate, Sync};
 use crate::mavlink::component::is_vehicle;
 use crate::mavlink::dialect::{
-    AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage,
-    MavModeFlag, MavState, MavType, PARAM_REQUEST_READ_DATA,
+    AUTOPILOT_VERSION_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag,
+    MavState, MavType, PARAM_REQUEST_READ_DATA,
 };
 use crate::mavlink::messages::Payload;
 use mavlink_core::{MAVLinkMessageRaw, Message, MessageData};
@@ -20,10 +21,6 @@ use std::{format, vec};
 
 /// Our component id: the neutral one of an onboard computer. That of a running lookout stays its own.
 pub const COMPONENT: u8 = 191;
-/// Microseconds after which an unanswered request is made again.
-const RETRY_US: i64 = 700_000;
-/// How often a request is made before it counts as unanswered.
-const TRIES: u32 = 4;
 /// Microseconds from one heartbeat of ours to the next.
 const BEAT_US: i64 = 1_000_000;
 /// The messages that the lookout lives on: number, microseconds between two of them, what for.
@@ -45,25 +42,6 @@ const BRIDGED_RATE: f64 = 8.0;
 const GYROSCOPE_RATE: f64 = 7.0;
 const SCALED_IMU: u32 = 26;
 const HIGHRES_IMU: u32 = 105;
-
-/// A request that is made again until it is answered.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Request {
-    tries: u32,
-    due_us: i64,
-}
-
-impl Request {
-    /// Whether to ask now.
-    pub fn ask(&mut self, now_us: i64) -> bool {
-        let ask = self.tries < TRIES && now_us >= self.due_us;
-        if ask {
-            self.tries += 1;
-            self.due_us = now_us + RETRY_US;
-        }
-        ask
-    }
-}
 
 /// A parameter that was asked for, under one of its names.
 #[derive(Debug)]
@@ -401,17 +379,5 @@ fn beat() -> Payload {
         // Nothing is watched while the link is examined.
         system_status: MavState::MAV_STATE_STANDBY,
         mavlink_version: 3,
-    })
-}
-
-/// COMMAND_LONG with two parameters.
-pub fn command_long(to: (u8, u8), command: MavCmd, [param1, param2]: [f32; 2]) -> Payload {
-    Payload::new(&COMMAND_LONG_DATA {
-        param1,
-        param2,
-        command,
-        target_system: to.0,
-        target_component: to.1,
-        ..COMMAND_LONG_DATA::default()
     })
 }

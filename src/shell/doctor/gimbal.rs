@@ -1,7 +1,7 @@
 //! What gimbals say: how often, and from where their yaw counts.
 
-use super::examination::{Request, command_long};
 use super::finding::{Finding, Mark, good, note};
+use super::request::{Request, command_long};
 use super::timing::Rate;
 use crate::mavlink::dialect::{GimbalDeviceFlags, MavCmd, MavMessage};
 use crate::mavlink::messages::Payload;

@@ -5,6 +5,7 @@ mod finding;
 mod gimbal;
 mod parameters;
 mod probe;
+mod request;
 mod source;
 mod timing;
 
