@@ -3,27 +3,39 @@
 
 use lookout::detector::Detections;
 use lookout::mavlink::component::Trust;
-use lookout::mavlink::dialect::MavMessage;
+use lookout::mavlink::dialect::{HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavMessage};
 use lookout::mavlink::lookout::Onboard;
 use lookout::shell::pipeline::{DetectorArgs, Memory, ModelFile};
+use lookout::shell::replay::telemetry::unplaced;
 use lookout::shell::simulate::source::Simulated;
 use lookout::shell::simulate::{Kind, SimulateSettings, Simulator, Telemetry};
 use lookout::shell::sources::{Frame, FrameSource};
 use lookout::tracking::tracker;
-use mavlink_core::MAVLinkMessageRaw;
+use mavlink_core::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message};
 
 /// From a frame to its detections, microseconds.
 const LATENCY_US: i64 = 40_000;
 const ATTITUDE: u32 = 30;
 const ATTITUDE_QUATERNION: u32 = 31;
 
-/// Reports of traffic with a position, where of the attitudes at most one in `every_us` arrives.
+/// What of a vehicle's telemetry arrives, and what the pictures show.
+#[derive(Clone, Copy)]
+struct Link {
+    /// At most one attitude in this time, microseconds.
+    attitude_us: i64,
+    /// Angular velocities in HIGHRES_IMU at the rate of the attitudes that do not arrive.
+    gyroscope: bool,
+    /// Whether the pictures show ground that can be followed.
+    ground: bool,
+}
+
+/// Reports of traffic with a position over such a link, and the lookout at the end.
 fn reports(
     settings: &SimulateSettings,
     tracks: tracker::Settings,
     frames: &[(i64, Detections)],
-    every_us: i64,
-) -> usize {
+    link: Link,
+) -> (usize, Onboard) {
     let camera = Simulator::new(settings).camera().camera().unwrap();
     let mut onboard = Onboard::new(camera, tracks, Default::default(), Default::default(), 0);
     let mut telemetry = Telemetry::of(settings).peekable();
@@ -32,12 +44,15 @@ fn reports(
         while now < time_us + LATENCY_US {
             now = (now + 10_000).min(time_us + LATENCY_US);
             while let Some((time, frame)) = telemetry.next_if(|(time, _)| *time <= now) {
-                let attitude = [ATTITUDE, ATTITUDE_QUATERNION].contains(&frame.message_id());
-                if attitude && time < next_us {
-                    continue;
+                if let Some(rates) = rates(&frame).filter(|_| link.gyroscope) {
+                    onboard.hear(0, &MAVLinkMessageRaw::V2(rates), Trust::Open, time);
                 }
-                if attitude {
-                    next_us = time + every_us;
+                if [ATTITUDE, ATTITUDE_QUATERNION].contains(&frame.message_id()) {
+                    // The angles would come where the quaternion does not.
+                    if time < next_us || frame.message_id() == ATTITUDE {
+                        continue;
+                    }
+                    next_us = time + link.attitude_us;
                 }
                 onboard.hear(0, &MAVLinkMessageRaw::V2(frame), Trust::Open, time);
             }
@@ -48,9 +63,27 @@ fn reports(
                 ));
             }
         }
-        onboard.see(found, *time_us, now);
+        let motion = if link.ground { found.motion } else { Default::default() };
+        onboard.see(&Detections { motion, ..found.clone() }, *time_us, now);
     }
-    count
+    (count, onboard)
+}
+
+/// The angular velocities of an attitude, as PX4 sends them beside it.
+fn rates(frame: &MAVLinkV2MessageRaw) -> Option<MAVLinkV2MessageRaw> {
+    let parsed = MavMessage::parse(MavlinkVersion::V2, frame.message_id(), frame.payload());
+    let Ok(MavMessage::ATTITUDE_QUATERNION(data)) = parsed else { return None };
+    let message = MavMessage::HIGHRES_IMU(HIGHRES_IMU_DATA {
+        time_usec: u64::from(data.time_boot_ms) * 1000,
+        xgyro: data.rollspeed,
+        ygyro: data.pitchspeed,
+        zgyro: data.yawspeed,
+        fields_updated: HighresImuUpdatedFlags::from_bits_retain(63),
+        ..HIGHRES_IMU_DATA::default()
+    });
+    let mut raw = MAVLinkV2MessageRaw::new();
+    raw.serialize_message(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, &message);
+    Some(raw)
 }
 
 #[test]
@@ -70,16 +103,36 @@ fn traffic_is_reported_at_every_rate_of_attitudes() {
         detector.process(frame.view(), frame.time_us, &mut found).unwrap();
         frames.push((frame.time_us, found));
     }
-    let often = reports(&settings, tracks, &frames, 0);
+    let all = Link { attitude_us: 0, gyroscope: false, ground: true };
+    let flown = |link| reports(&settings, tracks, &frames, link);
+    let (often, onboard) = flown(all);
     assert!(often >= 3, "{often} reports with every attitude");
+    let counts = onboard.placing().counts();
+    assert!(counts.placed > 0 && counts.worst().is_none(), "{counts:?}");
+    assert_eq!(unplaced(&onboard), None);
     for rate in [10, 4, 3, 2] {
-        let rare = reports(&settings, tracks, &frames, 1_000_000 / rate);
-        assert!(
-            rare * 10 >= often * 8,
-            "{rare} reports at {rate} attitudes a second, {often} with all"
-        );
+        let attitude_us = 1_000_000 / rate;
+        // By the picture's own motion, or by angular velocities over water or before the sky.
+        for link in
+            [Link { attitude_us, ..all }, Link { attitude_us, gyroscope: true, ground: false }]
+        {
+            let (rare, _) = flown(link);
+            let by = if link.ground { "the picture" } else { "angular velocities" };
+            assert!(
+                rare * 10 >= often * 8,
+                "{rare} reports at {rate} attitudes a second by {by}, {often} with all"
+            );
+        }
     }
+    // With neither, what is lost is said, and why.
+    let (rare, onboard) = flown(Link { attitude_us: 500_000, gyroscope: false, ground: false });
+    let words = unplaced(&onboard).unwrap_or_default();
+    assert!(words.contains("attitudes came too rarely"), "{rare} of {often} reports: {words}");
+    assert!(words.contains("; 2.0 attitudes a second"), "{words}");
     // Attitudes that are seconds old are none.
-    let none = reports(&settings, tracks, &frames, 60_000_000);
+    let (none, onboard) = flown(Link { attitude_us: 60_000_000, ..all });
     assert!(none * 2 < often, "{none} reports with one attitude in all, {often} with all");
+    let words = unplaced(&onboard).unwrap_or_default();
+    assert!(words.contains("no ATTITUDE or ATTITUDE_QUATERNION came"), "{words}");
+    println!("{often} reports with all attitudes; {words}");
 }

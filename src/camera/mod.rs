@@ -9,7 +9,7 @@ mod distortion;
 
 pub use distortion::Lens;
 
-use crate::math::real::{self, ONE, Real, Vector, ZERO, divide, ratio, sqrt, unit};
+use crate::math::real::{self, ONE, Real, Vector, ZERO, cross, divide, norm, ratio, sqrt, unit};
 use attitude::Attitude;
 use distortion::MAX_RATIO;
 use fixed::types::I28F4;
@@ -206,6 +206,16 @@ impl Camera {
         ONE / self.intrinsics.focal[0]
     }
 
+    /// Angle between the middles of the picture's left and right edges, in radians.
+    pub fn field_of_view(&self) -> Real {
+        let Intrinsics { width, height, .. } = self.intrinsics;
+        let [width, height] = [width, height].map(I28F4::saturating_from_num);
+        let left = self.direction(I28F4::ZERO, height / 2);
+        let right = self.direction(width, height / 2);
+        let cosine = left.into_iter().zip(right).map(|(a, b)| a * b).sum();
+        real::atan2(norm(cross(left, right)), cosine)
+    }
+
     /// Unit vector of the point (x, y) of the picture, in the camera's axes.
     #[inline(never)]
     pub fn direction(&self, x: I28F4, y: I28F4) -> Vector {
@@ -336,6 +346,11 @@ mod tests {
     fn a_field_of_view_states_a_larger_error() {
         let rough = Camera::from_field_of_view(640, 480, real::PI / 3).unwrap();
         assert!((rough.intrinsics().focal[0].to_num::<f64>() - 554.256).abs() < 0.01);
+        for view in [2, 3, 20] {
+            let camera = Camera::from_field_of_view(640, 480, real::PI / view).unwrap();
+            let off = camera.field_of_view() - real::PI / view;
+            assert!(off.saturating_abs() < Real::from_num(1e-4), "{view}: {off}");
+        }
         let exact = camera([0.0; 5]);
         let middle = [ZERO, ZERO, ONE];
         let corner = rough.direction(sixteenths(0.0), sixteenths(0.0));

@@ -3,14 +3,15 @@
 //! Without I/O: a recorded flight, a live one and a board without an operating system run the same code.
 
 use crate::camera::Camera;
-use crate::camera::attitude::Attitude;
+use crate::camera::attitude::{Attitude, Direction};
 use crate::camera::attitude_buffer::Attitudes;
 use crate::detector::Detections;
-use crate::math::real::Real;
+use crate::math::real::{ONE, PI, Real, ZERO};
 use crate::mavlink::component::parameters::{Parameter, Parameters};
-use crate::mavlink::component::{Component, Config, Event, Outgoing, Trust};
+use crate::mavlink::component::{Component, Config, Event, GIMBAL_STALE_US, Outgoing, Trust};
 use crate::mavlink::messages::text::Notice;
 use crate::mavlink::messages::{Blind, Health};
+use crate::mavlink::placing::{Cause, News, Placing};
 use crate::tracking::tracker;
 use crate::tracking::traffic::{MAX_TRAFFIC, Traffic};
 use crate::tracking::{Settings, Watch};
@@ -21,6 +22,9 @@ const QUATERNION_BITS: u32 = 30;
 
 /// Events that wait to be taken.
 const EVENTS: usize = 8;
+
+/// An attitude of the vehicle older than this is none, in microseconds.
+const NO_ATTITUDE_US: i64 = 1_500_000;
 
 /// Tracks one camera's detections and reports them over MAVLink.
 ///
@@ -49,9 +53,18 @@ const EVENTS: usize = 8;
 pub struct Onboard {
     tracks: tracker::Settings,
     watch: Watch,
+    /// The vehicle's.
     attitudes: Attitudes,
+    /// Those of the gimbal that carries the camera, where there is one.
+    gimbal: Attitudes,
+    /// The camera as it was given, and the field of view (radians) that it has itself.
+    given: Camera,
+    view: Option<Real>,
     component: Component,
     health: Health,
+    placing: Placing,
+    /// Time of the last frame, microseconds.
+    frame_us: i64,
     events: heapless::Deque<Event, EVENTS>,
 }
 
@@ -69,8 +82,13 @@ impl Onboard {
             tracks,
             watch: Watch::new(settings(tracks, &parameters), camera),
             attitudes: Attitudes::new(),
+            gimbal: Attitudes::held_for(GIMBAL_STALE_US),
+            given: camera,
+            view: None,
             component: Component::new(config, parameters, now_us),
             health: Health::default(),
+            placing: Placing::default(),
+            frame_us: 0,
             events: heapless::Deque::new(),
         }
     }
@@ -81,13 +99,22 @@ impl Onboard {
         self.heed();
     }
 
-    /// Changes the camera; every track ends.
+    /// Changes the camera; every track ends. On a gimbal its mounting is that in the gimbal's axes, and the field of view is
+    /// the one in the gimbal's messages.
     pub fn set_camera(&mut self, camera: Camera) {
+        self.given = camera;
+        let zoomed = self.view.and_then(|view| zoomed(&camera, view));
+        self.look_through(zoomed.unwrap_or(camera));
+    }
+
+    fn look_through(&mut self, camera: Camera) {
         self.watch = Watch::new(settings(self.tracks, self.component.parameters()), camera);
     }
 
-    /// Sets the number of frames dropped since the start and the reasons for a blocked view, reported with the next frame.
-    pub fn report(&mut self, dropped: u32, blind: Blind) {
+    /// Sets the number of frames dropped since the start, the reasons for a blocked view, and the detector's time for the next
+    /// frame in microseconds; reported with that frame.
+    pub fn report(&mut self, dropped: u32, blind: Blind, busy_us: i64) {
+        self.health.busy_us = u32::try_from(busy_us.max(0)).unwrap_or(u32::MAX);
         self.health.dropped = dropped;
         self.health.blind = blind;
     }
@@ -100,13 +127,100 @@ impl Onboard {
         time_us: i64,
         now_us: i64,
     ) -> heapless::Vec<Traffic, MAX_TRAFFIC> {
+        self.frame_us = time_us;
         self.watch.support(self.component.explained());
-        let traffic = self.watch.update(&found.list, time_us, &found.motion, &self.attitudes);
+        let on_gimbal = self.component.gimbal().is_some();
+        let carrier = if on_gimbal { &self.gimbal } else { &self.attitudes };
+        let mut traffic = self.watch.update(&found.list, time_us, &found.motion, carrier);
+        self.health.pointed = !on_gimbal || self.see_from_vehicle(&mut traffic, time_us);
+        self.judge(&traffic, time_us, now_us);
         self.health.frames = self.health.frames.wrapping_add(1);
         let latency = now_us.saturating_sub(time_us).max(0);
         self.health.latency_us = u32::try_from(latency).unwrap_or(u32::MAX);
         self.component.observe(&traffic, self.health, time_us, now_us);
         traffic
+    }
+
+    /// Turns directions from the gimbal's axes to the vehicle's; whether both are known. Without a recent attitude of the gimbal
+    /// none in the world is known either.
+    fn see_from_vehicle(&self, traffic: &mut [Traffic], time_us: i64) -> bool {
+        let fresh = self.is_gimbal_fresh(time_us);
+        let turn = self.gimbal_on_vehicle(time_us);
+        for object in traffic {
+            object.ned = object.ned.filter(|_| fresh);
+            if let Some(turn) = turn {
+                object.body = Direction::from(turn.rotate(object.body.into()));
+            }
+        }
+        turn.is_some()
+    }
+
+    /// From the gimbal's axes to the vehicle's.
+    fn gimbal_on_vehicle(&self, time_us: i64) -> Option<Attitude> {
+        let gimbal = self.gimbal.at(time_us).filter(|_| self.is_gimbal_fresh(time_us))?;
+        Some(self.attitudes.at(time_us)?.inverse().after(gimbal))
+    }
+
+    fn is_gimbal_fresh(&self, time_us: i64) -> bool {
+        self.gimbal.nearest_us(time_us).is_some_and(|apart| apart <= GIMBAL_STALE_US)
+    }
+
+    /// Counts the objects that have no place in the world, and says so where it goes on.
+    fn judge(&mut self, traffic: &[Traffic], time_us: i64, now_us: i64) {
+        let gimbal = match self.component.gimbal() {
+            Some(_) if !self.is_gimbal_fresh(time_us) => Some(Cause::Gimbal),
+            _ => None,
+        };
+        let attitude = || match self.attitudes.last_before(time_us) {
+            Some(last) if time_us.saturating_sub(last) <= NO_ATTITUDE_US => Cause::RareAttitude,
+            _ => Cause::NoAttitude,
+        };
+        let autopilot = self.component.autopilot().is_some();
+        // A gimbal that counts from the vehicle's heading is of no use without it.
+        let heard = self.component.gimbal().and_then(|gimbal| gimbal.heard_us());
+        let gimbal_comes = heard.is_some_and(|us| now_us.saturating_sub(us) <= GIMBAL_STALE_US);
+        let undirected = || match gimbal {
+            _ if !autopilot => Cause::NoAutopilot,
+            Some(gimbal) if !gimbal_comes => gimbal,
+            _ => attitude(),
+        };
+        let positioned = self.component.is_positioned(now_us);
+        let confirmed = traffic.iter().filter(|object| object.confirmed);
+        for object in confirmed.clone() {
+            let cause = match object.ned {
+                None => Some(undirected()),
+                Some(_) if !positioned => Some(Cause::NoPosition),
+                Some(_) => None,
+            };
+            self.placing.object(cause);
+        }
+        if confirmed.count() == 0 && self.component.gimbal().is_some() && autopilot {
+            self.placing.frame(gimbal.map(|_| undirected()));
+        }
+        match self.placing.news(now_us) {
+            None | Some(News::Lost(Cause::NoAutopilot)) => {}
+            Some(news) => {
+                if self.component.parameters().is_on(Parameter::Text) {
+                    self.component.notify(Notice::Map(news));
+                }
+                self.happened(Event::Map(news));
+            }
+        }
+    }
+
+    /// Whether directions of objects from the vehicle are known.
+    pub fn is_pointed(&self) -> bool {
+        self.health.pointed
+    }
+
+    /// What became of all objects: how many had no place in the world, and why.
+    pub fn placing(&self) -> &Placing {
+        &self.placing
+    }
+
+    /// How often attitudes of the vehicle come, or came last: microseconds between two.
+    pub fn attitude_interval_us(&self) -> Option<i64> {
+        self.attitudes.interval_us()
     }
 
     /// The next message to send. Call it about every 20 ms until it returns `None`.
@@ -126,7 +240,17 @@ impl Onboard {
         self.attitudes.at(time_us)
     }
 
-    /// The camera.
+    /// The camera as it looked from the vehicle in the last frame; `None` where it is not known where a gimbal points.
+    pub fn camera_on_vehicle(&self) -> Option<Camera> {
+        let camera = self.watch.camera();
+        if self.component.gimbal().is_none() {
+            return Some(*camera);
+        }
+        let turn = self.gimbal_on_vehicle(self.frame_us)?;
+        Some(camera.mounted(turn.after(camera.mounting())))
+    }
+
+    /// The camera; on a gimbal its mounting is that in the gimbal's axes.
     pub fn camera(&self) -> &Camera {
         self.watch.camera()
     }
@@ -145,26 +269,83 @@ impl Onboard {
         while let Some(event) = self.component.event() {
             match event {
                 Event::Attitude { time_us, quaternion } => {
-                    let real =
-                        |bits: i32| Real::from_bits(i64::from(bits) << (32 - QUATERNION_BITS));
-                    if let Some(attitude) = Attitude::new(quaternion.map(real)) {
+                    if let Some(attitude) = from_wire(quaternion) {
                         self.attitudes.push(time_us, attitude);
                     }
                     continue;
                 }
-                Event::Restarted | Event::Lost => self.attitudes.clear(),
+                Event::Rates { time_us, rates } => {
+                    self.attitudes.push_rate(time_us, rates);
+                    continue;
+                }
+                Event::Gimbal { time_us, quaternion, from_north } => {
+                    let vehicle = || self.attitudes.at(time_us).map(heading);
+                    let from = if from_north { Some(Attitude::IDENTITY) } else { vehicle() };
+                    if let (Some(gimbal), Some(from)) = (from_wire(quaternion), from) {
+                        self.gimbal.push(time_us, from.after(gimbal));
+                    }
+                    continue;
+                }
+                Event::FieldOfView { degrees } => {
+                    if !self.zoom(Real::from(degrees) * PI / 180) {
+                        continue;
+                    }
+                }
+                Event::Restarted | Event::Lost | Event::Found { .. } => {
+                    self.attitudes.clear();
+                    self.gimbal.clear();
+                }
                 Event::Parameter(_) => {
                     self.watch.set(settings(self.tracks, self.component.parameters()));
                 }
-                Event::Found { .. } | Event::Returned { .. } => {}
+                Event::Returned { .. } | Event::Map(_) => {}
             }
-            if self.events.is_full() {
-                self.events.pop_front();
-            }
-            // There is room now.
-            let _ = self.events.push_back(event);
+            self.happened(event);
         }
     }
+
+    /// Takes the field of view that the camera says itself, in radians; whether it is another one than before.
+    fn zoom(&mut self, view: Real) -> bool {
+        let change = (self.camera().field_of_view() - view).saturating_abs();
+        let Some(camera) = zoomed(&self.given, view).filter(|_| change * SAME_VIEW > view) else {
+            return false;
+        };
+        self.view = Some(view);
+        self.look_through(camera);
+        true
+    }
+
+    fn happened(&mut self, event: Event) {
+        if self.events.is_full() {
+            self.events.pop_front();
+        }
+        // There is room now.
+        let _ = self.events.push_back(event);
+    }
+}
+
+/// Fields of view that differ by less than this part are the same: tracks end with another one.
+const SAME_VIEW: i64 = 50;
+
+/// The camera of another field of view (radians); the given one, with its calibration, where the two are within a twentieth.
+fn zoomed(given: &Camera, view: Real) -> Option<Camera> {
+    if (given.field_of_view() - view).saturating_abs() * 20 <= view {
+        return Some(*given);
+    }
+    let spec = given.intrinsics();
+    let camera = Camera::from_field_of_view(spec.width, spec.height, view).ok()?;
+    Some(camera.mounted(given.mounting()))
+}
+
+fn from_wire(quaternion: [i32; 4]) -> Option<Attitude> {
+    let real = |bits: i32| Real::from_bits(i64::from(bits) << (32 - QUATERNION_BITS));
+    Attitude::new(quaternion.map(real))
+}
+
+/// The turn about down that brings north to where the vehicle's nose points.
+fn heading(vehicle: Attitude) -> Attitude {
+    let nose = Direction::from(vehicle.rotate([ONE, ZERO, ZERO]));
+    Attitude::from_euler(ZERO, ZERO, nose.azimuth())
 }
 
 /// Settings of tracker and alerts under these parameters.

@@ -8,3 +8,4 @@ pub mod component;
 pub mod dialect;
 pub mod lookout;
 pub mod messages;
+pub mod placing;

@@ -51,6 +51,7 @@ pub fn quiet(frames: u64) -> Snapshot {
             dropped: 3,
             frames_per_second: 24.96,
             camera: "/dev/video0, 640x480 GREY".into(),
+            advice: None,
         },
         latency: vec![
             Latency { stage: "exposure to frame".into(), p50_ms: 8.14, p99_ms: 11.0 },
@@ -83,8 +84,8 @@ pub fn warning(frames: u64) -> Snapshot {
         rect: [200.0, 60.0, 12.0, 6.0],
         level: Level::Warning,
         confirmed: true,
-        azimuth_deg: 9.25,
-        elevation_deg: 12.0,
+        azimuth_deg: Some(9.25),
+        elevation_deg: Some(12.0),
         range_m: Some(84.2),
         range_sigma_m: Some(59.1),
         time_to_contact_s: Some(6.04),
@@ -97,8 +98,8 @@ pub fn warning(frames: u64) -> Snapshot {
         level: Level::Traffic,
         confirmed: true,
         coasting: true,
-        azimuth_deg: -22.0,
-        elevation_deg: -1.5,
+        azimuth_deg: Some(-22.0),
+        elevation_deg: Some(-1.5),
         score: 0.5,
         ..Track::default()
     };
@@ -251,13 +252,14 @@ fn the_state_is_the_newest_published() {
         "level": "warning",
         "health": {
             "state": "watching", "blind": [], "frames": 500, "dropped": 3, "frames_per_second": 24.96,
-            "camera": "/dev/video0, 640x480 GREY",
+            "camera": "/dev/video0, 640x480 GREY", "advice": null,
         },
         "latency": [
             {"stage": "exposure to frame", "p50_ms": 8.14, "p99_ms": 11.0},
             {"stage": "detector", "p50_ms": 21.5, "p99_ms": 34.25},
         ],
         "autopilot_lost": false,
+        "off_map": null,
         "parameters": [],
         "links": [
             {"name": "serial:/dev/ttyAMA0:921600", "state": "up", "sent": 5120, "dropped": 0},

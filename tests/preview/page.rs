@@ -191,7 +191,7 @@ fn the_page_says_what_was_published() {
     // NaN is not shown as a number, and names are escaped.
     let mut odd = warning(0);
     odd.health.frames_per_second = f64::NAN;
-    odd.tracks[1].azimuth_deg = f64::NAN;
+    odd.tracks[1].azimuth_deg = Some(f64::NAN);
     odd.autopilot = Some("<b>one</b> & another".into());
     lookout.show(odd);
     browser.reads("autopilot", "<b>one</b> & another");
@@ -267,7 +267,7 @@ fn crowd() -> Snapshot {
                 _ => [at, 225.0 - at, 14.0, 7.0],
             };
             let level = levels[usize::from(i) % 4];
-            let azimuth_deg = (rect[0] - 160.0) / 160.0 * 31.0;
+            let azimuth_deg = Some((rect[0] - 160.0) / 160.0 * 31.0);
             Track { id: 9990 + i, rect, level, azimuth_deg, ..template.clone() }
         })
         .collect();
@@ -347,6 +347,40 @@ fn links_and_autopilot_that_do_not_answer_stand_out() {
     lookout.show(snapshot);
     browser.reads("autopilot", "none heard");
     browser.until("document.getElementById('fault').hidden", true);
+    assert_eq!(browser.complaints, Vec::<String>::new());
+}
+
+#[test]
+fn a_silent_gimbal_and_a_slow_detector_stand_out() {
+    let Some(mut browser) = Browser::start() else { return };
+    let lookout = Loop::start(start(None));
+    let mut silent = warning(0);
+    silent.off_map = Some("no GIMBAL_DEVICE_ATTITUDE_STATUS came within 0.3 s".into());
+    silent.field_of_view_deg = 0.0;
+    for track in &mut silent.tracks {
+        (track.azimuth_deg, track.elevation_deg) = (None, None);
+    }
+    lookout.show(silent);
+    browser.screen(390, 844, true, "light");
+    browser.open(&lookout.address());
+    // It still warns, and shows no direction that is not known.
+    browser.reads("level", "Warning");
+    let words = "Traffic is not on the map: no GIMBAL_DEVICE_ATTITUDE_STATUS came within 0.3 s.";
+    browser.reads("fault", words);
+    browser.until("document.querySelectorAll('#map .mark').length", 0);
+    assert_eq!(rows(&mut browser, "objects")[0][1], "–, –");
+    fits(&mut browser, "phone-gimbal");
+    let advice = "the detector is too slow for these frames: 4000x3000 takes 1900 ms";
+    let mut slow = quiet(0);
+    slow.health.advice = Some(advice.into());
+    lookout.show(slow.clone());
+    browser.until("document.getElementById('fault').innerText.startsWith('The detector is')", true);
+    browser.reads("level", "No alert");
+    slow.health.state = State::Slow;
+    lookout.show(slow);
+    browser.reads("level", "Not watching");
+    browser.reads("state", "too slow");
+    browser.until("document.getElementById('fault').innerText.includes('4000x3000')", true);
     assert_eq!(browser.complaints, Vec::<String>::new());
 }
 

@@ -1,8 +1,11 @@
 """A vehicle, a gimbal, a station and two lookouts on one network, heard by pymavlink, MAVSDK and MAVProxy at once.
 
+The second lookout's camera is on the gimbal.
+
     python crowd.py LOOKOUT
 """
 
+import math
 import os
 import pathlib
 import select
@@ -19,6 +22,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink  # noqa: E402
 LOOKOUT = os.path.abspath(sys.argv[1])
 VEHICLE, STATION = 7, 255
 LOOKOUTS = (196, 197)
+# The camera of the second one is on the gimbal, which looks east.
+ON_GIMBAL = LOOKOUTS[1]
+LATITUDE, LONGITUDE = 473769000, 85417000
 GENERIC = mavlink.MAV_AUTOPILOT_GENERIC
 PLACE = 26000 + os.getpid() % 2000
 
@@ -86,7 +92,7 @@ def start_lookout(folder, component):
     settings = folder / f"{component}.toml"
     settings.write_text(
         f'source = "file:{folder / "flight"}"\nrepeat = true\nthreads = 1\ncomponent_id = {component}\n'
-        f'links = ["udpout:127.0.0.1:{PLACE}"]\n'
+        f'links = ["udpout:127.0.0.1:{PLACE}"]\ncamera.gimbal = {"true" if component == ON_GIMBAL else "false"}\n'
     )
     log = open(folder / f"{component}.log", "w")
     return subprocess.Popen([LOOKOUT, "run", "--config", settings], stdout=log, stderr=log)
@@ -123,9 +129,16 @@ def check(folder):
         flying = Beats(
             (20, lambda: vehicle.heartbeat_send(2, 3, 81, 4, 4)),
             (1, lambda: vehicle.attitude_quaternion_send(boot(), 1, 0, 0, 0, 0, 0, 0)),
-            (4, lambda: vehicle.global_position_int_send(boot(), 473769000, 85417000, 500000, 100000, 0, 0, 0, 0)),
+            (4, lambda: vehicle.global_position_int_send(boot(), LATITUDE, LONGITUDE, 500000, 100000, 0, 0, 0, 0)),
         )
         stopped.append(flying)
+        half, nan = math.sqrt(0.5), math.nan
+        in_earth_frame = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
+        pointing = Beats(
+            (2, lambda: gimbal.gimbal_device_attitude_status_send(
+                0, 0, boot(), in_earth_frame, [half, 0, 0, half], nan, nan, nan, 0, nan, nan, 1)),
+        )
+        stopped.append(pointing)
         names = {}
         for component in LOOKOUTS:
             net.until(lambda: net.of("ADSB_VEHICLE", component), 60, f"traffic of {component}")
@@ -137,6 +150,7 @@ def check(folder):
         assert not {i for i, _ in ours} & {i for i, _ in theirs}, names
         assert not {c for _, c in ours} & {c for _, c in theirs}, names
         results = [f"ids of two lookouts: {sorted(ours)[0]}, {sorted(theirs)[0]}"]
+        results.append(check_gimbal(net, pointing))
         results.append(check_requests(net, station))
         results.append(check_clients(net, folder, processes))
         gone = time.time()
@@ -163,6 +177,30 @@ def check(folder):
         for process in processes:
             process.wait(15)
         net.stop.set()
+
+
+def bearings(net, component, since):
+    """Degrees from north of the traffic that a lookout reports, seen from the vehicle."""
+    narrow = math.cos(math.radians(LATITUDE / 1e7))
+    for _, m in net.of("ADSB_VEHICLE", component, since):
+        yield math.degrees(math.atan2((m.lon - LONGITUDE) * narrow, m.lat - LATITUDE))
+
+
+def check_gimbal(net, pointing):
+    """Traffic is where the gimbal looks; nothing is on the map while it is silent, and that is said."""
+    fixed, turned = (list(bearings(net, component, 0)) for component in LOOKOUTS)
+    assert fixed and all(abs(b) < 40 for b in fixed), fixed
+    assert turned and all(abs(b - 90) < 40 for b in turned), turned
+    pointing.on = False
+    gone = time.time()
+    said = lambda: [t for t, m in net.of("STATUSTEXT", ON_GIMBAL, gone) if "gimbal silent" in m.text]  # noqa: E731
+    took = net.until(said, 10, "gimbal silent")[0] - gone
+    late = [t - gone for t, _ in net.of("ADSB_VEHICLE", ON_GIMBAL, gone + 1)]
+    assert not late, late
+    pointing.on = True
+    back = time.time()
+    net.until(lambda: net.of("ADSB_VEHICLE", ON_GIMBAL, back), 30, "traffic by the gimbal again")
+    return f"gimbal: {len(fixed)} reports ahead, {len(turned)} to the east, its silence said after {took:.1f} s"
 
 
 def check_requests(net, station):

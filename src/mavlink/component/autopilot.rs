@@ -4,16 +4,20 @@
 //! never heard beside it (home after a restart with another system id, say) is served until home comes back; one that
 //! was heard beside it flies on its own and is never served.
 
+use super::cadence::Cadence;
 use super::clock::Clock;
+use super::commands::Fields;
+use super::gimbal::Gimbal;
 use super::heartbeat::is_vehicle;
+use super::rotation::{from_euler, quaternion};
 use super::{Component, Destination, Event, Priority, Sender};
 use crate::mavlink::dialect::{
-    ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, MavCmd,
-    SYSTEM_TIME_DATA, TIMESYNC_DATA,
+    ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA,
+    HIGHRES_IMU_DATA, MavCmd, SCALED_IMU_DATA, SYSTEM_TIME_DATA, TIMESYNC_DATA,
 };
 use crate::mavlink::messages::text::{self, AutopilotNews};
-use crate::mavlink::messages::{Payload, Vehicle, angle};
-use fixed::types::{I2F30, I8F24};
+use crate::mavlink::messages::{Payload, Vehicle};
+use fixed::types::I16F16;
 use mavlink_core::{MavlinkVersion, MessageData};
 
 /// Without any message for this long the autopilot is lost, microseconds: two heartbeats missed, and all its telemetry.
@@ -31,8 +35,15 @@ const RESTART_MS: u32 = 2_000;
 /// An attitude or position older than this is requested again.
 const STALE_US: i64 = 1_500_000;
 
-/// Time between two askings.
-const ASK_US: i64 = 5_000_000;
+/// Attitudes that come less often than this are asked for again, microseconds from one to the next: 8 a second.
+const SLOW_US: i64 = 125_000;
+
+/// After a quaternion of the attitude its angles are not needed for this long, microseconds: the two may come at different
+/// rates.
+const SAME_US: i64 = 80_000;
+
+/// HIGHRES_IMU_UPDATED_FLAGS of the three axes of the gyroscope.
+const GYROSCOPE: u16 = 0b11_1000;
 
 /// The autopilot we belong to.
 #[derive(Debug, Clone, Copy)]
@@ -49,9 +60,8 @@ pub struct Autopilot {
     heard_us: i64,
     boot_ms: Option<u32>,
     quaternion_us: Option<i64>,
-    attitude_us: Option<i64>,
+    attitude: Cadence,
     position_us: Option<i64>,
-    asked_us: Option<i64>,
 }
 
 impl Autopilot {
@@ -64,9 +74,8 @@ impl Autopilot {
             heard_us: now_us,
             boot_ms: None,
             quaternion_us: None,
-            attitude_us: None,
+            attitude: Cadence::default(),
             position_us: None,
-            asked_us: None,
         }
     }
 
@@ -145,6 +154,10 @@ impl Component {
         let boot_ms = before.and_then(|last| last.boot_ms);
         self.autopilot = Some(Autopilot { boot_ms, ..Autopilot::new(from, kind, now_us) });
         self.forget_flight();
+        if before.is_none() {
+            // That of another vehicle.
+            self.gimbal = Gimbal::default();
+        }
         self.home.get_or_insert((from.system, from.component));
         let loss_announced = core::mem::take(&mut self.loss_announced);
         match self.last_served {
@@ -191,6 +204,7 @@ impl Component {
         self.clock = Clock::default();
         self.vehicle = None;
         self.unix_offset_us = None;
+        self.gimbal.forget();
     }
 
     /// Whether `from` is our autopilot.
@@ -203,9 +217,8 @@ impl Component {
         let Some(own) = &mut self.autopilot else { return };
         let restarted = own.boot_ms.is_some_and(|last| boot_ms < last.saturating_sub(RESTART_MS));
         if restarted {
-            own.asked_us = None;
             own.quaternion_us = None;
-            own.attitude_us = None;
+            own.attitude = Cadence::default();
             own.position_us = None;
         }
         let latest = own.boot_ms.map_or(boot_ms, |last| last.max(boot_ms));
@@ -247,7 +260,8 @@ impl Component {
                 if let Some(own) = &mut self.autopilot {
                     own.quaternion_us = Some(now_us);
                 }
-                self.hear_attitude(quaternion, data.time_boot_ms, now_us);
+                let time_us = self.hear_attitude(quaternion, data.time_boot_ms, now_us);
+                self.hear_rates(time_us, [data.rollspeed, data.pitchspeed, data.yawspeed]);
             }
             ATTITUDE_DATA::ID => {
                 let Ok(data) = ATTITUDE_DATA::deser(version, payload) else { return false };
@@ -256,8 +270,30 @@ impl Component {
                 };
                 self.hear_boot_time(data.time_boot_ms);
                 // Both messages hold the same attitude; one is enough.
-                if self.autopilot.is_some_and(|own| silent(own.quaternion_us, now_us, STALE_US)) {
-                    self.hear_attitude(quaternion, data.time_boot_ms, now_us);
+                if self.autopilot.is_some_and(|own| silent(own.quaternion_us, now_us, SAME_US)) {
+                    let time_us = self.hear_attitude(quaternion, data.time_boot_ms, now_us);
+                    self.hear_rates(time_us, [data.rollspeed, data.pitchspeed, data.yawspeed]);
+                }
+            }
+            SCALED_IMU_DATA::ID => {
+                let fields = Fields(payload);
+                let time_us = self.clock.local_us(u32::from_le_bytes(fields.bytes(0)), now_us);
+                // Thousandths of a radian a second.
+                let rates = [10, 12, 14]
+                    .map(|at| I16F16::from_num(i16::from_le_bytes(fields.bytes(at))) / 1000);
+                self.happened(Event::Rates { time_us, rates });
+            }
+            HIGHRES_IMU_DATA::ID => {
+                let fields = Fields(payload);
+                let updated = u16::from_le_bytes(fields.bytes(60));
+                if updated & GYROSCOPE == GYROSCOPE {
+                    // A stamp that is the time of day, and no time since boot, is of another clock.
+                    let boot_ms = u64::from_le_bytes(fields.bytes(0)) / 1000;
+                    let time_us = match u32::try_from(boot_ms) {
+                        Ok(boot_ms) => self.clock.local_us(boot_ms, now_us),
+                        Err(_) => now_us,
+                    };
+                    self.hear_rates(time_us, [20, 24, 28].map(|at| fields.float(at)));
                 }
             }
             GLOBAL_POSITION_INT_DATA::ID => {
@@ -291,12 +327,22 @@ impl Component {
         true
     }
 
-    fn hear_attitude(&mut self, quaternion: [i32; 4], boot_ms: u32, now_us: i64) {
+    /// An attitude of the vehicle; gives its time.
+    fn hear_attitude(&mut self, quaternion: [i32; 4], boot_ms: u32, now_us: i64) -> i64 {
         if let Some(own) = &mut self.autopilot {
-            own.attitude_us = Some(now_us);
+            own.attitude.heard(now_us);
         }
         let time_us = self.clock.local_us(boot_ms, now_us);
         self.happened(Event::Attitude { time_us, quaternion });
+        time_us
+    }
+
+    /// Angular velocities about the vehicle's axes, radians a second; those that are no numbers are left alone.
+    fn hear_rates(&mut self, time_us: i64, wire: [f32; 3]) {
+        let [x, y, z] = wire.map(I16F16::checked_from_num);
+        if let (Some(x), Some(y), Some(z)) = (x, y, z) {
+            self.happened(Event::Rates { time_us, rates: [x, y, z] });
+        }
     }
 
     /// TIMESYNC: answers a question, takes an answer to ours.
@@ -338,27 +384,30 @@ impl Component {
             };
             self.say(to, self.config.component_id, Priority::Urgent, &question);
         }
-        let missing = silent(own.attitude_us, now_us, STALE_US)
-            || silent(own.position_us, now_us, 2 * STALE_US);
-        if missing && silent(own.asked_us, now_us, ASK_US) {
-            // The older attitude only where the first question gave no newer one.
-            let again = own.asked_us.is_some() && silent(own.quaternion_us, now_us, STALE_US);
-            let attitude = u32::from(self.config.attitude_hz);
-            let position = u32::from(self.config.position_hz);
-            self.ask_for(&own, ATTITUDE_QUATERNION_DATA::ID, attitude);
-            if again {
-                self.ask_for(&own, ATTITUDE_DATA::ID, attitude);
-            }
-            self.ask_for(&own, GLOBAL_POSITION_INT_DATA::ID, position);
-            self.ask_for(&own, SYSTEM_TIME_DATA::ID, position.min(1));
-            if let Some(own) = &mut self.autopilot {
-                own.asked_us = Some(now_us);
-            }
+        let late = own.attitude.is_silent(now_us, STALE_US);
+        let missing = late || silent(own.position_us, now_us, 2 * STALE_US);
+        let wanted_us = 1_000_000 / i64::from(self.config.attitude_hz.max(1));
+        let slow = own.attitude.is_slow(SLOW_US.max(2 * wanted_us));
+        let Some(asking) = &mut self.autopilot else { return };
+        let again = asking.attitude.has_asked();
+        if !asking.attitude.ask(missing || slow, now_us) {
+            return;
         }
+        // The older attitude only where the first question gave no newer one.
+        let again = again && (slow || silent(own.quaternion_us, now_us, STALE_US));
+        let attitude = u32::from(self.config.attitude_hz);
+        let position = u32::from(self.config.position_hz);
+        let to = (own.system_id, own.component_id, own.link);
+        self.ask_for(to, ATTITUDE_QUATERNION_DATA::ID, attitude);
+        if again {
+            self.ask_for(to, ATTITUDE_DATA::ID, attitude);
+        }
+        self.ask_for(to, GLOBAL_POSITION_INT_DATA::ID, position);
+        self.ask_for(to, SYSTEM_TIME_DATA::ID, position.min(1));
     }
 
-    /// Asks for a message so many times a second; 0 asks for nothing.
-    fn ask_for(&mut self, autopilot: &Autopilot, id: u32, hertz: u32) {
+    /// Asks a component (system, component, link) for a message so many times a second; 0 asks for nothing.
+    pub(super) fn ask_for(&mut self, (system, component, link): (u8, u8, u8), id: u32, hertz: u32) {
         let Some(interval) = 1_000_000u32.checked_div(hertz) else { return };
         // Numbers below 2^24 are whole in an f32.
         let number = |n: u32| fixed::types::U32F0::from_bits(n).to_num::<f32>();
@@ -371,50 +420,11 @@ impl Component {
             param6: 0.0,
             param7: 0.0,
             command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
-            target_system: autopilot.system_id,
-            target_component: autopilot.component_id,
+            target_system: system,
+            target_component: component,
             confirmation: 0,
         };
-        let to = Destination::Link(autopilot.link);
+        let to = Destination::Link(link);
         self.queue(to, self.config.component_id, Priority::Urgent, Payload::new(&command));
     }
-}
-
-/// A unit quaternion in Q30; `None` for one that is far from unit length.
-fn quaternion(wire: [f32; 4]) -> Option<[i32; 4]> {
-    let mut bits = [0i64; 4];
-    for (bits, &value) in bits.iter_mut().zip(&wire) {
-        *bits = I2F30::checked_from_num(value)?.to_bits().into();
-    }
-    unit(bits)
-}
-
-/// Source: Euler angles yaw, pitch, roll in this order, as ATTITUDE has them.
-fn from_euler(wire: [f32; 3]) -> Option<[i32; 4]> {
-    let mut halves = [(0i64, 0i64); 3];
-    for (half, &value) in halves.iter_mut().zip(&wire) {
-        let radians = i64::from(I8F24::checked_from_num(value)?.to_bits());
-        // Nine places further: eight from Q24 to Q16, one for half of the angle.
-        let (cos, sin) = angle::cos_sin(angle::from_radians(radians, 25));
-        *half = (cos.into(), sin.into());
-    }
-    let [(cr, sr), (cp, sp), (cy, sy)] = halves;
-    let product = |a: i64, b: i64, c: i64| (((a * b) >> 30) * c) >> 30;
-    unit([
-        product(cr, cp, cy) + product(sr, sp, sy),
-        product(sr, cp, cy) - product(cr, sp, sy),
-        product(cr, sp, cy) + product(sr, cp, sy),
-        product(cr, cp, sy) - product(sr, sp, cy),
-    ])
-}
-
-/// A Q30 quaternion brought to unit length.
-fn unit(bits: [i64; 4]) -> Option<[i32; 4]> {
-    let length: u128 = bits.iter().map(|b| u128::from(b.unsigned_abs()).pow(2)).sum();
-    let length = length.isqrt() as i64;
-    let one = 1i64 << 30;
-    if !(one * 9 / 10..=one * 11 / 10).contains(&length) {
-        return None;
-    }
-    Some(bits.map(|b| ((b << 30) / length) as i32))
 }

@@ -5,13 +5,16 @@
 //! All times are microseconds of one clock that never goes back, that of the frames.
 
 mod autopilot;
+mod cadence;
 mod clock;
 mod commands;
 mod cooperative;
+mod gimbal;
 mod heartbeat;
 mod identity;
 pub mod parameters;
 mod requests;
+mod rotation;
 mod streams;
 mod written;
 
@@ -20,17 +23,20 @@ use autopilot::{OTHERS, OtherVehicle};
 pub use autopilot::Autopilot;
 pub use clock::Clock;
 pub use cooperative::Aircraft;
+pub use gimbal::{Gimbal, STALE_US as GIMBAL_STALE_US};
 pub use heartbeat::is_vehicle;
 pub use identity::{FLEET, Naming};
 
 use crate::mavlink::dialect::{
-    ADSB_VEHICLE_DATA, ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COLLISION_DATA, COMMAND_INT_DATA,
-    COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, PARAM_REQUEST_LIST_DATA,
-    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, SYSTEM_TIME_DATA, TIMESYNC_DATA,
+    ADSB_VEHICLE_DATA, ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, CAMERA_FOV_STATUS_DATA,
+    COLLISION_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, GIMBAL_DEVICE_ATTITUDE_STATUS_DATA,
+    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, HIGHRES_IMU_DATA, PARAM_REQUEST_LIST_DATA,
+    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, SCALED_IMU_DATA, SYSTEM_TIME_DATA, TIMESYNC_DATA,
 };
 use crate::mavlink::messages::status::{HeartbeatType, State};
 use crate::mavlink::messages::text::Alerts;
 use crate::mavlink::messages::{self, Health, Payload, Vehicle};
+use crate::mavlink::placing::News;
 use crate::tracking::traffic::{Level, MAX_TRAFFIC, Traffic};
 use commands::{Fields, Follow};
 use cooperative::AIRCRAFT;
@@ -49,6 +55,8 @@ pub struct Config {
     pub component_id: u8,
     /// Behave as a camera too, so that QGroundControl draws a box (off by default).
     pub camera: Option<Camera>,
+    /// The camera is on a gimbal, whose own messages give its attitude. Default `false`.
+    pub gimbal: bool,
     /// Rate of attitudes requested from the autopilot, Hz. Default 50.
     pub attitude_hz: u16,
     /// Rate of positions requested from the autopilot, Hz. Default 5.
@@ -61,12 +69,20 @@ pub struct Config {
     pub naming: Naming,
 }
 
+impl Config {
+    /// Whether the camera is on a gimbal. A board without an operating system has no flash to spare for one.
+    const fn has_gimbal(&self) -> bool {
+        cfg!(feature = "std") && self.gimbal
+    }
+}
+
 impl Default for Config {
     fn default() -> Self {
         Self {
             system_id: None,
             component_id: 196,
             camera: None,
+            gimbal: false,
             attitude_hz: 50,
             position_hz: 5,
             stall_us: 700_000,
@@ -165,6 +181,30 @@ pub enum Event {
         /// Quaternion w, x, y, z of unit length in Q30.
         quaternion: [i32; 4],
     },
+    /// Angular velocity about the vehicle's axes (forward, right, down).
+    Rates {
+        /// When it was measured, in microseconds of our clock.
+        time_us: i64,
+        /// Radians a second.
+        rates: [I16F16; 3],
+    },
+    /// Attitude of the gimbal that carries the camera: rotation from its axes (forward, right, down) to north, east, down,
+    /// or to these turned by the vehicle's heading.
+    Gimbal {
+        /// When it was measured, in microseconds of our clock.
+        time_us: i64,
+        /// Quaternion w, x, y, z of unit length in Q30.
+        quaternion: [i32; 4],
+        /// Whether yaw counts from north; from the vehicle's heading otherwise.
+        from_north: bool,
+    },
+    /// The camera's horizontal field of view, as it says itself.
+    FieldOfView {
+        /// 1 to 170 degrees.
+        degrees: I16F16,
+    },
+    /// Objects are not put on the map any more, or again.
+    Map(News),
     /// A parameter was set to another value, which is to be kept over a restart.
     Parameter(Parameter),
 }
@@ -255,6 +295,7 @@ pub struct Component {
     timesync_us: Option<i64>,
     unix_offset_us: Option<i64>,
     vehicle: Option<Vehicle>,
+    gimbal: Gimbal,
     /// Aircraft that transmit their position.
     aircraft: heapless::Vec<Aircraft, AIRCRAFT>,
     slots: Slots,
@@ -264,6 +305,8 @@ pub struct Component {
     health: Health,
     frame_us: i64,
     observed_us: Option<i64>,
+    /// Whether the detector takes longer for a frame than is waited for one.
+    slow: bool,
     /// Frames and time when the rate was last taken, and that rate.
     counted: (u32, i64),
     rate: I16F16,
@@ -301,6 +344,7 @@ impl Component {
             timesync_us: None,
             unix_offset_us: None,
             vehicle: None,
+            gimbal: Gimbal::default(),
             aircraft: heapless::Vec::new(),
             slots: Slots::default(),
             traffic: heapless::Vec::new(),
@@ -308,6 +352,7 @@ impl Component {
             health: Health::default(),
             frame_us: 0,
             observed_us: None,
+            slow: false,
             counted: (0, now_us),
             rate: I16F16::ZERO,
             state: State::Starting,
@@ -348,9 +393,17 @@ impl Component {
             | ATTITUDE_QUATERNION_DATA::ID
             | GLOBAL_POSITION_INT_DATA::ID
             | SYSTEM_TIME_DATA::ID
+            | SCALED_IMU_DATA::ID
+            | HIGHRES_IMU_DATA::ID
                 if self.is_autopilot(from) =>
             {
                 good = self.hear_vehicle(id, version, payload, now_us);
+            }
+            GIMBAL_DEVICE_ATTITUDE_STATUS_DATA::ID if self.is_on_vehicle(from) => {
+                good = self.hear_gimbal(from, payload, now_us);
+            }
+            CAMERA_FOV_STATUS_DATA::ID if self.is_on_vehicle(from) => {
+                self.hear_view(from, payload, now_us);
             }
             COLLISION_DATA::ID if self.is_autopilot(from) => {
                 match COLLISION_DATA::deser(version, payload) {
@@ -400,6 +453,9 @@ impl Component {
         self.health = health;
         self.frame_us = frame_time_us;
         self.observed_us = Some(now_us);
+        // It has to become clearly better.
+        let limit = if self.slow { self.config.stall_us / 2 } else { self.config.stall_us };
+        self.slow = i64::from(health.busy_us) > limit;
         self.traffic.clear();
         // Most urgent first, should there ever be too many.
         for level in [Level::Warning, Level::Caution, Level::Traffic, Level::None] {
@@ -439,7 +495,8 @@ impl Component {
                 continue;
             }
             let callsign = self.callsign(object.id);
-            if let Some(words) = self.alerts.due(&object, callsign, now_us, interval_us) {
+            let pointed = self.health.pointed;
+            if let Some(words) = self.alerts.due(&object, callsign, pointed, now_us, interval_us) {
                 self.say(Destination::All, self.config.component_id, Priority::Urgent, &words);
             }
         }
@@ -456,6 +513,7 @@ impl Component {
         if self.outbox.is_empty() {
             self.update_state(now_us);
             self.keep_autopilot(now_us);
+            self.keep_gimbal(now_us);
             self.stream(now_us);
         }
         if self.answers.is_empty() {
@@ -499,6 +557,16 @@ impl Component {
         self.vehicle.filter(|own| now_us.saturating_sub(own.time_us) <= streams::POSITION_US)
     }
 
+    /// Whether directions of objects from the vehicle are known.
+    pub fn is_pointed(&self) -> bool {
+        self.health.pointed
+    }
+
+    /// Whether the vehicle's place is known well enough to put others on the map.
+    pub fn is_positioned(&self, now_us: i64) -> bool {
+        self.fresh_vehicle(now_us).is_some()
+    }
+
     /// The vehicle's last known place.
     pub fn vehicle(&self) -> Option<&Vehicle> {
         self.vehicle.as_ref()
@@ -520,11 +588,17 @@ impl Component {
         self.config.system_id.or(served).unwrap_or(1)
     }
 
+    /// Without a finished frame for this long the lookout counts as stalled, in microseconds: longer for a detector that takes
+    /// so long, which is another fault.
+    fn stall_us(&self) -> i64 {
+        let busy = if self.slow { 3 * i64::from(self.health.busy_us) } else { 0 };
+        self.config.stall_us.saturating_add(busy)
+    }
+
     /// The objects that are watched; none after the frames have stopped.
     fn objects(&self, now_us: i64) -> &[Traffic] {
-        let fresh = self
-            .observed_us
-            .is_some_and(|last| now_us.saturating_sub(last) <= self.config.stall_us);
+        let fresh =
+            self.observed_us.is_some_and(|last| now_us.saturating_sub(last) <= self.stall_us());
         if fresh { &self.traffic } else { &[] }
     }
 
@@ -560,7 +634,8 @@ impl Component {
     /// Keeps an event. Of too many the oldest are lost; attitudes never displace others.
     fn happened(&mut self, event: Event) {
         if self.events.is_full() {
-            if matches!(event, Event::Attitude { .. }) {
+            if matches!(event, Event::Attitude { .. } | Event::Rates { .. } | Event::Gimbal { .. })
+            {
                 return;
             }
             self.events.pop_front();

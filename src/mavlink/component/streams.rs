@@ -8,7 +8,7 @@ use crate::mavlink::dialect::{
     OBSTACLE_DISTANCE_DATA,
 };
 use crate::mavlink::messages::adsb::{self, Identity};
-use crate::mavlink::messages::{self, Payload, obstacle, status};
+use crate::mavlink::messages::{Payload, obstacle, status, text};
 use crate::tracking::traffic::{Level, Traffic};
 use fixed::types::I16F16;
 use mavlink_core::MessageData;
@@ -233,10 +233,10 @@ impl Component {
     }
 
     /// OBSTACLE_DISTANCE or OBSTACLE_DISTANCE_3D, for the autopilot alone; regularly, also of nothing. Not while the
-    /// lookout sees nothing: the autopilot then takes it for a lost sensor, which it is.
+    /// lookout sees nothing, or does not know where its gimbal points: the autopilot then takes it for a lost sensor, which it is.
     fn send_proximity(&mut self, now_us: i64) {
         let Some(autopilot) = self.autopilot else { return };
-        if self.state != status::State::Watching {
+        if self.state != status::State::Watching || !self.health.pointed {
             return;
         }
         let to = Destination::Link(autopilot.link);
@@ -277,9 +277,8 @@ impl Component {
     pub(super) fn update_state(&mut self, now_us: i64) {
         let state = match self.observed_us {
             None => status::State::Starting,
-            Some(last) if now_us.saturating_sub(last) > self.config.stall_us => {
-                status::State::Stalled
-            }
+            Some(last) if now_us.saturating_sub(last) > self.stall_us() => status::State::Stalled,
+            Some(_) if self.slow => status::State::Slow,
             Some(_) if self.health.blind.any() => status::State::Blind(self.health.blind),
             Some(_) if self.autopilot.is_none() && self.last_served.is_some() => {
                 status::State::NoAutopilot
@@ -309,11 +308,7 @@ impl Component {
         if state == announced || !lasted || !quiet || !self.parameters.is_on(Parameter::Text) {
             return;
         }
-        let blind = match state {
-            status::State::Blind(reasons) => reasons,
-            _ => messages::Blind::NO,
-        };
-        let words = messages::text::sight(state == status::State::Stalled, blind);
+        let words = text::sight(state);
         self.say(Destination::All, self.config.component_id, Priority::Urgent, &words);
         self.sight_announced = (state, if good { bad_us } else { Some(now_us) });
     }

@@ -77,7 +77,7 @@ impl Blind {
 }
 
 /// Counts, latency and blindness of the frames so far.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Health {
     /// Frames the detector really finished, since the start.
     pub frames: u32,
@@ -85,8 +85,18 @@ pub struct Health {
     pub dropped: u32,
     /// Time from the frame to its detections in microseconds.
     pub latency_us: u32,
+    /// Time that the detector worked on it, in microseconds; 0 where it is not measured.
+    pub busy_us: u32,
     /// Why nothing can be seen, if so.
     pub blind: Blind,
+    /// Whether objects' directions from the vehicle are known: not with a gimbal that does not say where it points.
+    pub pointed: bool,
+}
+
+impl Default for Health {
+    fn default() -> Self {
+        Self { frames: 0, dropped: 0, latency_us: 0, busy_us: 0, blind: Blind::NO, pointed: true }
+    }
 }
 
 #[cfg(test)]

@@ -27,6 +27,9 @@ pub enum HeartbeatType {
 /// Bit of the heartbeat's custom_mode while the autopilot that was served is gone; lower bits are those of [`Blind`].
 pub const NO_AUTOPILOT_BIT: u32 = 16;
 
+/// Bit of the heartbeat's custom_mode while the detector is too slow.
+pub const SLOW_BIT: u32 = 32;
+
 /// State of the lookout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum State {
@@ -39,6 +42,8 @@ pub enum State {
     Blind(Blind),
     /// No frame was finished of late.
     Stalled,
+    /// Frames come, but the detector takes so long for one that nothing can be followed.
+    Slow,
     /// Frames show something, but the autopilot that was served is gone: nothing has a place on the map.
     NoAutopilot,
 }
@@ -50,16 +55,20 @@ impl State {
         match self {
             Self::Starting => MavState::MAV_STATE_BOOT,
             Self::Watching => MavState::MAV_STATE_ACTIVE,
-            Self::Blind(_) | Self::Stalled | Self::NoAutopilot => MavState::MAV_STATE_CRITICAL,
+            Self::Blind(_) | Self::Stalled | Self::Slow | Self::NoAutopilot => {
+                MavState::MAV_STATE_CRITICAL
+            }
         }
     }
 }
 
-/// HEARTBEAT (0) of the lookout; custom_mode holds the bits of [`Blind`] and [`NO_AUTOPILOT_BIT`].
+/// HEARTBEAT (0) of the lookout; custom_mode holds the bits of [`Blind`], [`NO_AUTOPILOT_BIT`] and
+/// [`SLOW_BIT`].
 pub fn heartbeat(state: State, kind: HeartbeatType) -> HEARTBEAT_DATA {
     let custom_mode = match state {
         State::Blind(reasons) => reasons.bits().into(),
         State::NoAutopilot => NO_AUTOPILOT_BIT,
+        State::Slow => SLOW_BIT,
         _ => 0,
     };
     HEARTBEAT_DATA {
@@ -250,8 +259,13 @@ mod tests {
         let data = heartbeat(State::Watching);
         assert_eq!((data.mavtype as u8, data.autopilot as u8, data.base_mode.bits()), (18, 8, 0));
         assert_eq!(data.system_status as u8, 4);
-        let others =
-            [State::Starting, State::Stalled, State::NoAutopilot, State::Blind(Blind::DARK)];
+        let others = [
+            State::Starting,
+            State::Stalled,
+            State::Slow,
+            State::NoAutopilot,
+            State::Blind(Blind::DARK),
+        ];
         for state in others {
             assert_ne!(heartbeat(state).system_status as u8, 4);
         }

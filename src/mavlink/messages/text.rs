@@ -4,8 +4,10 @@
 //! Every text costs attention, so an aircraft gets a new one only when it has become more urgent.
 
 use super::adsb::Callsign;
+use super::status::State;
 use super::{Blind, angle};
 use crate::mavlink::dialect::{MavSeverity, STATUSTEXT_DATA};
+use crate::mavlink::placing::{Cause, News};
 use crate::tracking::traffic::{Level, Traffic};
 use core::fmt::Write;
 use mavlink_core::types::CharArray;
@@ -23,8 +25,9 @@ fn text(severity: MavSeverity, words: &str) -> STATUSTEXT_DATA {
     STATUSTEXT_DATA { severity, text: CharArray::from(words), id: 0, chunk_seq: 0 }
 }
 
-/// The text about an object of this name; `None` below [`Level::Traffic`].
-pub fn about(traffic: &Traffic, callsign: Callsign) -> Option<STATUSTEXT_DATA> {
+/// The text about an object of this name; `None` below [`Level::Traffic`]. Its direction is left out unless it is `pointed`
+/// ([`Health::pointed`](super::Health::pointed)).
+pub fn about(traffic: &Traffic, callsign: Callsign, pointed: bool) -> Option<STATUSTEXT_DATA> {
     let (severity, word) = match traffic.level {
         Level::None => return None,
         Level::Traffic => (MavSeverity::MAV_SEVERITY_INFO, "Traffic"),
@@ -33,30 +36,34 @@ pub fn about(traffic: &Traffic, callsign: Callsign) -> Option<STATUSTEXT_DATA> {
         Level::Warning => (MavSeverity::MAV_SEVERITY_CRITICAL, "WARNING"),
     };
     let mut words = heapless::String::<LENGTH>::new();
-    let _ = write!(words, "{word} {callsign}: {}", Place(traffic));
+    let _ = write!(words, "{word} {callsign}: {}", Place(traffic, pointed));
     Some(text(severity, &words))
 }
 
 /// Where an object is and how soon it is here.
-struct Place<'a>(&'a Traffic);
+struct Place<'a>(&'a Traffic, bool);
 
 impl core::fmt::Display for Place<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let Self(traffic) = self;
-        let (x, y) = (traffic.body.x.to_bits(), traffic.body.y.to_bits());
-        let hours = (i64::from(angle::atan2(y.into(), x.into())) * 12 + (1 << 31)) >> 32;
-        let hour = match hours.rem_euclid(12) {
-            0 => 12,
-            hour => hour,
-        };
-        // Above the horizon where it is known, else above the vehicle's own plane.
-        let down = traffic.ned.unwrap_or(traffic.body).z.to_bits();
-        let height = match down {
-            _ if down < -SLANTED => "high",
-            _ if down > SLANTED => "low",
-            _ => "level",
-        };
-        write!(f, "{hour} o'clock {height}")?;
+        let Self(traffic, pointed) = self;
+        if *pointed {
+            let (x, y) = (traffic.body.x.to_bits(), traffic.body.y.to_bits());
+            let hours = (i64::from(angle::atan2(y.into(), x.into())) * 12 + (1 << 31)) >> 32;
+            let hour = match hours.rem_euclid(12) {
+                0 => 12,
+                hour => hour,
+            };
+            // Above the horizon where it is known, else above the vehicle's own plane.
+            let down = traffic.ned.unwrap_or(traffic.body).z.to_bits();
+            let height = match down {
+                _ if down < -SLANTED => "high",
+                _ if down > SLANTED => "low",
+                _ => "level",
+            };
+            write!(f, "{hour} o'clock {height}")?;
+        } else {
+            f.write_str("where unknown")?;
+        }
         if let Some(range) = traffic.range {
             let metres = range.value.to_num::<i32>().max(0);
             match metres {
@@ -75,9 +82,15 @@ impl core::fmt::Display for Place<'_> {
 }
 
 /// The text that the lookout sees nothing, or sees again.
-pub fn sight(stalled: bool, blind: Blind) -> STATUSTEXT_DATA {
-    let (severity, words) = if stalled {
+pub fn sight(state: State) -> STATUSTEXT_DATA {
+    let blind = match state {
+        State::Blind(reasons) => reasons,
+        _ => Blind::NO,
+    };
+    let (severity, words) = if state == State::Stalled {
         (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: no pictures, traffic is not watched")
+    } else if state == State::Slow {
+        (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: too slow, traffic is not watched")
     } else if blind.has(Blind::COVERED) {
         (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: picture frozen, traffic is not watched")
     } else if blind.has(Blind::DARK) {
@@ -141,6 +154,8 @@ pub enum Notice {
     SigningTimeNotKept,
     /// A frame was rightly signed with a time more than a day ahead of ours, and refused.
     ClockOfPeer,
+    /// Whether traffic is put on the map.
+    Map(News),
 }
 
 impl Notice {
@@ -156,6 +171,19 @@ impl Notice {
             }
             Self::SigningTimeNotKept => {
                 (MavSeverity::MAV_SEVERITY_WARNING, "Lookout: signing times not kept, see its log")
+            }
+            Self::Map(News::Good) => {
+                (MavSeverity::MAV_SEVERITY_INFO, "Lookout: traffic is on the map again")
+            }
+            Self::Map(News::Lost(cause)) => {
+                let words = match cause {
+                    Cause::NoAutopilot => "Lookout: no autopilot, no traffic on the map",
+                    Cause::NoAttitude => "Lookout: no attitude, no traffic on the map",
+                    Cause::RareAttitude => "Lookout: attitude too rare, traffic off the map",
+                    Cause::Gimbal => "Lookout: gimbal silent, no traffic on the map",
+                    Cause::NoPosition => "Lookout: no position, no traffic on the map",
+                };
+                (MavSeverity::MAV_SEVERITY_WARNING, words)
             }
             Self::ClockOfPeer => {
                 (MavSeverity::MAV_SEVERITY_WARNING, "Lookout: signed a day ahead, check the clocks")
@@ -189,6 +217,7 @@ impl Alerts {
         &mut self,
         traffic: &Traffic,
         callsign: Callsign,
+        pointed: bool,
         now_us: i64,
         interval_us: i64,
     ) -> Option<STATUSTEXT_DATA> {
@@ -214,7 +243,7 @@ impl Alerts {
             }
             self.traffic_us = Some(now_us);
         }
-        let words = about(traffic, callsign)?;
+        let words = about(traffic, callsign, pointed)?;
         let reported = Reported { track: traffic.id, level: traffic.level, time_us: now_us };
         match at {
             Some(at) => self.reported[at] = reported,
@@ -248,11 +277,11 @@ mod tests {
     }
 
     fn due(alerts: &mut Alerts, traffic: &Traffic, now_us: i64) -> bool {
-        alerts.due(traffic, name(traffic), now_us, 60_000_000).is_some()
+        alerts.due(traffic, name(traffic), true, now_us, 60_000_000).is_some()
     }
 
     fn words(traffic: &Traffic) -> std::string::String {
-        about(traffic, name(traffic)).unwrap().text.to_str().unwrap().into()
+        about(traffic, name(traffic), true).unwrap().text.to_str().unwrap().into()
     }
 
     #[test]
@@ -274,7 +303,9 @@ mod tests {
             ..traffic(3)
         };
         assert_eq!(words(&near), "WARNING VIS0003: 10 o'clock low, 240 m, in 8 s");
-        assert_eq!(about(&near, name(&near)).unwrap().severity as u8, 2);
+        assert_eq!(about(&near, name(&near), true).unwrap().severity as u8, 2);
+        let unknown = about(&near, name(&near), false).unwrap();
+        assert_eq!(unknown.text.to_str(), Ok("WARNING VIS0003: where unknown, 240 m, in 8 s"));
         let ahead = Traffic {
             level: Level::Caution,
             range: None,
@@ -346,12 +377,22 @@ mod tests {
         assert_eq!(autopilot(AutopilotNews::Lost).severity as u8, 3);
     }
 
+    #[test]
+    fn news_of_the_map_fit() {
+        for cause in Cause::ALL {
+            let data = Notice::Map(News::Lost(cause)).data();
+            let words = data.text.to_str().unwrap();
+            // One that was cut would end within a word.
+            assert!(words.ends_with("the map") && words.len() <= LENGTH, "{words}");
+        }
+    }
+
     proptest! {
         #[test]
         fn any_traffic_fits(objects in prop::collection::vec((any_traffic(), any::<i64>()), 0..80)) {
             let mut alerts = Alerts::default();
             for (object, now) in &objects {
-                if let Some(data) = about(object, name(object)) {
+                if let Some(data) = about(object, name(object), true) {
                     prop_assert!(data.text.to_str().unwrap().len() > 20);
                 }
                 due(&mut alerts, object, *now);

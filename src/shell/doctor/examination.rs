@@ -2,13 +2,15 @@
 
 pub use super::finding::{Finding, Mark};
 use super::finding::{good, note};
+use super::gimbal::Gimbals;
 use super::parameters::{self, Check, Purpose};
 use super::probe::Probe;
+use super::request::{Request, command_long};
 use super::timing::{Rate, Sync};
 use crate::mavlink::component::is_vehicle;
 use crate::mavlink::dialect::{
-    AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage,
-    MavModeFlag, MavState, MavType, PARAM_REQUEST_READ_DATA,
+    AUTOPILOT_VERSION_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag,
+    MavState, MavType, PARAM_REQUEST_READ_DATA,
 };
 use crate::mavlink::messages::Payload;
 use mavlink_core::{MAVLinkMessageRaw, Message, MessageData};
@@ -19,10 +21,6 @@ use std::{format, vec};
 
 /// Our component id: the neutral one of an onboard computer. That of a running lookout stays its own.
 pub const COMPONENT: u8 = 191;
-/// Microseconds after which an unanswered request is made again.
-const RETRY_US: i64 = 700_000;
-/// Number of requests before one counts as unanswered.
-const TRIES: u32 = 4;
 /// Microseconds from one heartbeat of ours to the next.
 const BEAT_US: i64 = 1_000_000;
 /// The messages that the lookout lives on: number, microseconds between two of them, what for.
@@ -38,25 +36,12 @@ const GLOBAL_POSITION_INT: u32 = 33;
 const AUTOPILOT_VERSION: u32 = 148;
 /// Attitudes a second from which on a frame's direction is good.
 const ATTITUDE_RATE: f64 = 20.0;
-
-/// A request that is made again until it is answered.
-#[derive(Debug, Clone, Copy, Default)]
-struct Request {
-    tries: u32,
-    due_us: i64,
-}
-
-impl Request {
-    /// Whether to ask now.
-    fn ask(&mut self, now_us: i64) -> bool {
-        let ask = self.tries < TRIES && now_us >= self.due_us;
-        if ask {
-            self.tries += 1;
-            self.due_us = now_us + RETRY_US;
-        }
-        ask
-    }
-}
+/// Attitudes a second below which the time between two has to be bridged.
+const BRIDGED_RATE: f64 = 8.0;
+/// Angular velocities a second from which on they bridge it, and their messages.
+const GYROSCOPE_RATE: f64 = 7.0;
+const SCALED_IMU: u32 = 26;
+const HIGHRES_IMU: u32 = 105;
 
 /// A requested parameter, under one of its names.
 #[derive(Debug)]
@@ -91,6 +76,7 @@ pub struct Examination {
     sync: Sync,
     /// Whether SYSTEM_TIME held the time of day.
     clock: bool,
+    gimbals: Gimbals,
     autopilot: Option<Autopilot>,
 }
 
@@ -110,8 +96,14 @@ impl Examination {
             rates: BTreeMap::new(),
             sync: Sync::default(),
             clock: false,
+            gimbals: Gimbals::default(),
             autopilot: None,
         }
+    }
+
+    /// The camera is on a gimbal: its attitude has to come.
+    pub fn expect_gimbal(&mut self) {
+        self.gimbals.wanted = true;
     }
 
     /// The system id to speak with: the autopilot's, 1 before it is known.
@@ -129,6 +121,9 @@ impl Examination {
             self.heartbeat(from, data.clone());
         }
         let Some(autopilot) = &mut self.autopilot else { return };
+        if from.0 == u32::from(autopilot.system) {
+            self.gimbals.receive(from.1, &message, now_us);
+        }
         if from != (autopilot.system.into(), autopilot.component) {
             return;
         }
@@ -205,6 +200,9 @@ impl Examination {
                 return Some(command_long((system, component), command, parameters));
             }
         }
+        if let Some(question) = self.gimbals.poll((system, component), now_us) {
+            return Some(question);
+        }
         for asked in autopilot.asked.iter_mut().filter(|asked| asked.answer.is_none()) {
             if asked.request.ask(now_us) {
                 return Some(Payload::new(&PARAM_REQUEST_READ_DATA {
@@ -240,6 +238,7 @@ impl Examination {
         let mut findings = vec![autopilot.in_words(self.rates.get(&HEARTBEAT_DATA::ID))];
         findings.extend(self.neighbours());
         findings.extend(self.attitude());
+        findings.extend(self.gimbals.findings());
         findings.push(self.position());
         findings.push(match self.clock {
             true => good("time: SYSTEM_TIME holds the time of day".into()),
@@ -280,9 +279,22 @@ impl Examination {
         let best = f64::max(quaternion, angles);
         let name = if quaternion >= angles { "ATTITUDE_QUATERNION" } else { "ATTITUDE" };
         let text = format!("attitude: {name} comes {best:.0} times a second");
+        let gyroscopes = [(HIGHRES_IMU, "HIGHRES_IMU"), (SCALED_IMU, "SCALED_IMU")];
+        let gyroscope = gyroscopes.into_iter().find(|(id, _)| rate(*id) >= GYROSCOPE_RATE);
         Some(match best {
             // As it is printed.
             best if best.round() >= ATTITUDE_RATE => good(text),
+            best if best > 0.0 && best.round() < BRIDGED_RATE => note(match gyroscope {
+                Some((id, name)) => format!(
+                    "{text}; below {BRIDGED_RATE} it is carried on by {name}, which comes {:.0} times a second; raise its \
+                     rate on this port",
+                    rate(id)
+                ),
+                None => format!(
+                    "{text}; below {BRIDGED_RATE} traffic is put on the map only while the picture shows ground to go by; \
+                     raise its rate on this port, or let HIGHRES_IMU or SCALED_IMU come 10 times a second"
+                ),
+            }),
             best if best > 0.0 => note(format!(
                 "{text}; below {ATTITUDE_RATE} directions are rough while the vehicle turns, raise its rate on this port"
             )),
@@ -367,16 +379,5 @@ fn beat() -> Payload {
         // Nothing is watched while the link is examined.
         system_status: MavState::MAV_STATE_STANDBY,
         mavlink_version: 3,
-    })
-}
-
-fn command_long(to: (u8, u8), command: MavCmd, [param1, param2]: [f32; 2]) -> Payload {
-    Payload::new(&COMMAND_LONG_DATA {
-        param1,
-        param2,
-        command,
-        target_system: to.0,
-        target_component: to.1,
-        ..COMMAND_LONG_DATA::default()
     })
 }

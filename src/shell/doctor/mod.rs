@@ -2,8 +2,10 @@
 
 mod examination;
 mod finding;
+mod gimbal;
 mod parameters;
 mod probe;
+mod request;
 mod source;
 mod timing;
 
@@ -87,6 +89,9 @@ pub struct DoctorArgs {
     /// Send the autopilot an obstacle 12 m ahead and check that it comes back; not to an armed vehicle
     #[arg(long)]
     probe: bool,
+    /// The camera is on a gimbal: check that it says where it points
+    #[arg(long, requires = "link")]
+    gimbal: bool,
     #[command(flatten)]
     source: SourceArgs,
 }
@@ -101,7 +106,13 @@ pub fn run(args: &DoctorArgs) -> Result<Ended, Error> {
     let started = Instant::now();
     let now = || i64::try_from(started.elapsed().as_micros()).unwrap_or(i64::MAX);
     let mut links = Links::open(&args.link);
-    let examination = |_| Examination::new(&args.messages, args.probe, now());
+    let examination = |_| {
+        let mut examination = Examination::new(&args.messages, args.probe, now());
+        if args.gimbal {
+            examination.expect_gimbal();
+        }
+        examination
+    };
     let mut examinations: Vec<Examination> = args.link.iter().map(examination).collect();
     let listen = !args.link.is_empty();
     while listen && now() < i64::from(args.seconds) * 1_000_000 && !interrupt::requested() {

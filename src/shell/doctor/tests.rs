@@ -241,6 +241,80 @@ fn a_rate_is_judged_as_it_is_printed() {
     }
 }
 
+/// What is heard of an autopilot that sends attitudes, and another message, so often.
+fn with_rates(attitude_us: i64, other: Option<(u8, MavMessage, i64)>) -> Examination {
+    let mut examination = Examination::new(&[], false, 0);
+    let heartbeat = HEARTBEAT_DATA {
+        mavtype: MavType::MAV_TYPE_QUADROTOR,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
+        ..Default::default()
+    };
+    examination.receive(&raw(7, 1, &MavMessage::HEARTBEAT(heartbeat)), 0);
+    for now in (0..6_000_000).step_by(10_000) {
+        if now % attitude_us == 0 {
+            examination.receive(&raw(7, 1, &MavMessage::ATTITUDE(Default::default())), now);
+        }
+        if let Some((component, message, every_us)) = &other
+            && now % every_us == 0
+        {
+            examination.receive(&raw(7, *component, message), now);
+        }
+    }
+    examination
+}
+
+#[test]
+fn rare_attitudes_and_what_bridges_them() {
+    let text = |examination: &Examination| line(&examination.findings(), "attitude").text.clone();
+    let alone = text(&with_rates(500_000, None));
+    assert!(alone.contains("ATTITUDE comes 2 times a second; below 8 traffic"), "{alone}");
+    assert!(alone.contains("HIGHRES_IMU or SCALED_IMU"), "{alone}");
+    let imu = MavMessage::HIGHRES_IMU(Default::default());
+    let carried = text(&with_rates(500_000, Some((1, imu, 20_000))));
+    assert!(carried.contains("HIGHRES_IMU, which comes 50 times a second"), "{carried}");
+    let rough = text(&with_rates(100_000, None));
+    assert!(rough.contains("10 times a second; below 20 directions are rough"), "{rough}");
+}
+
+#[test]
+fn a_gimbal_that_speaks_and_one_that_does_not() {
+    let flags = GimbalDeviceFlags::GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME;
+    let status = MavMessage::GIMBAL_DEVICE_ATTITUDE_STATUS(GIMBAL_DEVICE_ATTITUDE_STATUS_DATA {
+        flags,
+        ..Default::default()
+    });
+    let mut examination = with_rates(20_000, Some((154, status.clone(), 100_000)));
+    let findings = examination.findings();
+    let told = line(&findings, "gimbal");
+    assert_eq!(told.mark, Mark::Note);
+    assert!(
+        told.text.contains("component 154 sends its attitude 10 times a second, yaw from north")
+    );
+    assert!(told.text.contains("camera.gimbal = true"), "{}", told.text);
+    examination.expect_gimbal();
+    let findings = examination.findings();
+    assert_eq!(line(&findings, "gimbal").mark, Mark::Good);
+    assert_eq!(line(&findings, "field of view").mark, Mark::Note);
+    let mut slow = with_rates(20_000, Some((154, status, 500_000)));
+    slow.expect_gimbal();
+    assert!(line(&slow.findings(), "gimbal").text.contains("after 0.3 s without one"));
+    let mut silent = with_rates(20_000, None);
+    silent.expect_gimbal();
+    assert_eq!(line(&silent.findings(), "gimbal").mark, Mark::Missing);
+    let asked = |payload: Payload| match Payload::parse(&payload) {
+        Some(MavMessage::COMMAND_LONG(data)) => Some(data.param1 as u32),
+        _ => None,
+    };
+    let mut numbers: Vec<u32> = (0..3_000_000i64)
+        .step_by(10_000)
+        .filter_map(|now| silent.poll(6_000_000 + now))
+        .filter_map(asked)
+        .collect();
+    numbers.sort_unstable();
+    numbers.dedup();
+    assert!(numbers.contains(&285) && numbers.contains(&271), "{numbers:?}");
+}
+
 #[test]
 fn what_is_off_is_named() {
     let mut autopilot = Autopilot::ardupilot();

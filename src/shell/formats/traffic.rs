@@ -66,7 +66,8 @@ pub fn name(level: Level) -> &'static str {
 }
 
 /// `track 3 is warning: 2.1 degrees right, 0.4 degrees down, contact in 4.5 s (+-0.8), range about 21 m (+-15)`.
-pub fn in_words(t: &Traffic) -> String {
+/// The direction is left out unless it is `pointed` ([`Health::pointed`](crate::mavlink::messages::Health::pointed)).
+pub fn in_words(t: &Traffic, pointed: bool) -> String {
     let degrees = |v: crate::math::real::Real| v.to_num::<f64>().to_degrees();
     let right = side(degrees(t.body.azimuth()), "right", "left");
     let up = side(degrees(t.body.elevation()), "up", "down");
@@ -80,7 +81,9 @@ pub fn in_words(t: &Traffic) -> String {
     let range = t.range.map_or(String::new(), |range| {
         format!(", range about {} m if its span is as assumed", estimate(range, 0))
     });
-    format!("track {} is {}: {right}, {up}, {contact}{range}", t.id, name(t.level))
+    let direction =
+        if pointed { format!("{right}, {up}") } else { "where from the vehicle is unknown".into() };
+    format!("track {} is {}: {direction}, {contact}{range}", t.id, name(t.level))
 }
 
 /// An angle with the side to which it goes.

@@ -2,6 +2,7 @@
 
 use super::config::Config;
 use super::source_setting::SourceSetting;
+use crate::shell::formats::camera_file;
 use crate::shell::link::spec::Address;
 use crate::shell::link::{params, signing};
 use crate::shell::pipeline::ModelFile;
@@ -80,6 +81,15 @@ pub fn faults(config: &Config) -> Vec<Fault> {
     if let Some(path) = &config.signing_key {
         add("signing_key", false, signing::read_key(path).map(drop).map_err(|e| named(path, e)));
     }
+    if let Some(path) = &config.signing_time {
+        // Made where it is missing.
+        match File::open(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                add("signing_time", true, parent(path));
+            }
+            opened => add("signing_time", false, opened.map(drop).map_err(|e| named(path, e))),
+        }
+    }
     if let Some(path) = &config.parameters {
         // The defaults do, and what cannot be written is tried again.
         let read = params::load(path).map(drop).map_err(|e| named(path, e));
@@ -94,27 +104,42 @@ pub fn faults(config: &Config) -> Vec<Fault> {
         let Some(path) = folder else { continue };
         match fs::metadata(path) {
             Ok(found) if found.is_dir() => {}
-            Ok(_) => add(key, false, Err(format!("{}: is no folder", path.display()))),
-            Err(_) => add(key, true, parent(path)),
+            // It is tried again and again, and watching goes on without it.
+            Ok(_) => add(key, true, Err(format!("{}: is no folder", path.display()))),
+            Err(_) => add(key, true, can_be_made(path)),
         }
     }
     let calibration = config.camera.calibration.as_deref();
     if let Some(path) = calibration {
         let size = (config.camera.width as usize, config.camera.height as usize);
-        let opened = File::open(path).map(drop).map_err(|e| named(path, e));
         // A file or a stream has a size of its own, which only its frames show.
         let own_size = config.source.is_stream() || matches!(config.source, SourceSetting::File(_));
         let fits = || config.camera(size, None).map(drop).map_err(|e| e.to_string());
-        add(
-            "camera.calibration",
-            false,
-            opened.and_then(|()| if own_size { Ok(()) } else { fits() }),
-        );
+        let read = || camera_file::read(path).map(drop).map_err(|e| e.to_string());
+        add("camera.calibration", false, if own_size { read() } else { fits() });
     }
     if does_nothing(config) {
         add("links", true, Err(NOTHING.into()));
     }
     faults
+}
+
+/// Whether the folder `path` can be made, with those that are missing above it.
+fn can_be_made(path: &Path) -> Result<(), String> {
+    let Some(above) = path.ancestors().skip(1).find(|above| fs::metadata(above).is_ok()) else {
+        // Relative to the folder in which the program runs.
+        return Ok(());
+    };
+    match rustix::fs::access(above, rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK) {
+        _ if !above.is_dir() => Err(format!("{}: {} is a file", path.display(), above.display())),
+        Ok(()) => Ok(()),
+        Err(error) => Err(format!(
+            "{}: cannot be made in {}: {}; as another user, as a service, it may be",
+            path.display(),
+            above.display(),
+            io::Error::from(error)
+        )),
+    }
 }
 
 /// Whether the folder in which `path` is to be made exists.
@@ -145,8 +170,9 @@ mod tests {
             links = ["serial:/dev/nosuch:57600"]
             model = "/nope/model.lkm"
             signing_key = "/nope/key"
+            signing_time = "/nope/key.time"
             parameters = "/nope/dir/p.txt"
-            event_log = "/nope/ev"
+            event_log = "/dev/null/ev"
             record = "/dev/null"
             camera.calibration = "/nope/camera.yaml"
         "#;
@@ -158,10 +184,11 @@ mod tests {
                 ("source", true),
                 ("links", true),
                 ("signing_key", false),
+                ("signing_time", true),
                 ("parameters", true),
                 ("model", false),
                 ("event_log", true),
-                ("record", false),
+                ("record", true),
                 ("camera.calibration", false),
             ]
         );
@@ -169,14 +196,40 @@ mod tests {
             "/dev/video-nosuch",
             "/dev/nosuch",
             "/nope/key",
+            "/nope/key.time",
             "/nope/dir/p.txt",
             "/nope/model.lkm",
-            "/nope/ev",
-            "/dev/null",
+            "/dev/null/ev: /dev/null is a file",
+            "/dev/null: is no folder",
             "/nope/camera.yaml",
         ]) {
             assert!(fault.text.contains(path), "{fault:?}");
         }
+    }
+
+    /// `lookout run` makes them at its start.
+    #[test]
+    fn folders_that_will_be_made_are_no_fault() {
+        let place = tempfile::tempdir().unwrap();
+        let at = |name: &str| place.path().join(name).display().to_string();
+        let text = format!(
+            "source = 'simulate:hover'\nrecord = '{}'\nevent_log = '{}'\nparameters = '{}'\n",
+            at("new"),
+            at("a/b/c"),
+            at("parameters.txt")
+        );
+        assert_eq!(faults_of(&text), []);
+        assert_eq!(faults_of("source = 'simulate:hover'\nrecord = 'rec/ording'"), []);
+        // A calibration that is none is found whatever the source's size is.
+        std::fs::write(place.path().join("camera.yaml"), "camera_matrix: 5").unwrap();
+        std::fs::write(place.path().join("flight.y4m"), "").unwrap();
+        let text = format!(
+            "source = 'file:{}'\nlinks = ['udpin:0.0.0.0:14550']\ncamera.calibration = '{}'\n",
+            at("flight.y4m"),
+            at("camera.yaml")
+        );
+        let faults = faults_of(&text);
+        assert_eq!((faults.len(), faults[0].key), (1, "camera.calibration"), "{faults:?}");
     }
 
     #[test]

@@ -48,8 +48,8 @@ struct Event {
     track: u16,
     words: String,
     /// To the right of the nose and above the vehicle's plane, degrees.
-    azimuth_deg: f64,
-    elevation_deg: f64,
+    azimuth_deg: Option<f64>,
+    elevation_deg: Option<f64>,
     /// From body to north, east, down: w, x, y, z. `None` where it is not known.
     attitude: Option<[f64; 4]>,
     /// The frame as `lookout replay --jsonl` has it: all detections with their scores, motion, all tracks.
@@ -193,9 +193,9 @@ impl Events {
                 time_us: frame_us + clock::unix_offset_us(),
                 level: traffic::name(track.level),
                 track: track.id,
-                words: traffic::in_words(track),
-                azimuth_deg: degrees(track.body.azimuth()),
-                elevation_deg: degrees(track.body.elevation()),
+                words: traffic::in_words(track, onboard.is_pointed()),
+                azimuth_deg: onboard.is_pointed().then(|| degrees(track.body.azimuth())),
+                elevation_deg: onboard.is_pointed().then(|| degrees(track.body.elevation())),
                 attitude: attitude.map(|a| [a.w, a.x, a.y, a.z].map(|v| v.to_num())),
                 frame: serde_json::from_str(&line).unwrap_or_default(),
                 picture: String::new(),

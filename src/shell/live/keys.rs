@@ -290,6 +290,14 @@ pub const KEYS: &[Key] = &[
         about: "How the camera is turned on the vehicle; zeros look forward.",
     },
     Key {
+        name: "camera.gimbal",
+        kind: Kind::Switch,
+        unit: "",
+        default: "false",
+        reload: false,
+        about: "The camera is on a gimbal: where it looks comes from GIMBAL_DEVICE_ATTITUDE_STATUS, its field of view from CAMERA_FOV_STATUS where that is sent, and camera.mounting is how it is turned on the gimbal. Without a message for 0.3 s no position of traffic is sent.",
+    },
+    Key {
         name: "camera.controls",
         kind: Kind::Wholes,
         unit: "the camera's own, see `v4l2-ctl --list-ctrls`",

@@ -11,6 +11,7 @@ pub mod log;
 mod mailbox;
 mod notify;
 mod outputs;
+mod pace;
 mod paced;
 mod record;
 mod ring;

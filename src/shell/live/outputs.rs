@@ -19,7 +19,7 @@ use crate::shell::support::clock::now_us;
 use crate::tracking::traffic::Traffic;
 use mavlink_core::MAVLinkV2MessageRaw;
 use std::format;
-use std::string::String;
+use std::string::{String, ToString};
 use std::vec::Vec;
 
 /// Time between two attempts to open an output, microseconds.
@@ -38,6 +38,8 @@ pub struct Condition {
     pub frames: (u64, u32, f64),
     /// Stages of the work: name, median, 99th percentile in microseconds.
     pub latency: Vec<(&'static str, i64, i64)>,
+    /// What to do about a detector that is too slow.
+    pub advice: Option<String>,
 }
 
 /// One output.
@@ -223,8 +225,8 @@ impl Outputs {
     pub fn show(&mut self, condition: Condition, source: &str, onboard: &Onboard, links: &Links) {
         let Some(preview) = &self.preview else { return };
         let shown = &mut self.shown;
-        let Condition { state, blind, camera, frames, latency } = condition;
-        if state == State::Stalled {
+        let Condition { state, blind, camera, frames, latency, advice } = condition;
+        if matches!(state, State::Stalled | State::Slow) {
             shown.tracks.clear();
             shown.level = crate::tracking::traffic::Level::None;
         }
@@ -241,12 +243,14 @@ impl Outputs {
                 State::Watching | State::NoAutopilot => snapshot::State::Watching,
                 State::Blind(_) => snapshot::State::Blind,
                 State::Stalled => snapshot::State::CameraGone,
+                State::Slow => snapshot::State::Slow,
             },
             blind,
             frames: frames.0,
             dropped: frames.1.into(),
             frames_per_second: frames.2,
             camera: words,
+            advice,
         };
         let milliseconds = |us: i64| us as f64 / 1000.0;
         let line = |(stage, p50, p99): (&str, i64, i64)| snapshot::Latency {
@@ -263,8 +267,9 @@ impl Outputs {
         shown.autopilot =
             component.last_served().map(|served| format!("system {}", served.system_id));
         shown.autopilot_lost = component.autopilot().is_none() && component.last_served().is_some();
+        shown.off_map = onboard.placing().current().map(|cause| cause.to_string());
         shown.parameters = snapshot::ParameterLine::all(component.parameters());
-        shown.look_through(onboard.camera());
+        shown.look_through(onboard.camera_on_vehicle().as_ref());
         preview.publish(shown.clone());
     }
 }

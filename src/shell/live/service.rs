@@ -7,6 +7,7 @@ use super::capture::{Camera, Capture};
 use super::config::Config;
 use super::notify::Notify;
 use super::outputs::{Condition, Outputs};
+use super::pace::Pace;
 use super::source::{self, Open};
 use super::stages::Stages;
 use super::worker::{self, Seen};
@@ -86,18 +87,21 @@ pub struct Summary {
     pub stages: Stages,
     /// From exposure to the last byte sent.
     pub sent: Histogram,
+    /// Objects without a place on the map, in words; empty where all had one.
+    pub unplaced: String,
 }
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { frames, dropped, missed, opened, digest, stages, sent } = self;
+        let Self { frames, dropped, missed, opened, digest, stages, sent, unplaced } = self;
         writeln!(
             f,
             "{frames} frames looked at, {dropped} left out as the detector was busy, {missed} lost on the way; source \
              opened {opened} times; digest {:016x}",
             digest.value()
         )?;
-        f.write_str(&stages.table(sent))
+        f.write_str(&stages.table(sent))?;
+        f.write_str(unplaced)
     }
 }
 
@@ -195,6 +199,7 @@ struct Service<'a> {
     outputs: Outputs,
     notify: Notify,
     summary: Summary,
+    pace: Pace,
     blind: Blind,
     state: State,
     /// Frames and time of the last status.
@@ -236,6 +241,7 @@ impl<'a> Service<'a> {
             outputs,
             notify: Notify::from_environment(),
             summary: Summary::default(),
+            pace: Pace::default(),
             blind: Blind::NO,
             state,
             status: (0, now_us()),
@@ -298,7 +304,12 @@ impl<'a> Service<'a> {
             self.size = Some(size);
         }
         self.blind = seen.blind;
-        self.onboard.report(self.capture.mailbox.dropped(), seen.blind);
+        let finished_us = seen.ended_us.iter().copied().fold(seen.begun_us, i64::max);
+        let (busy_us, left_out) = (finished_us - seen.begun_us, self.capture.mailbox.dropped());
+        if let Some(advice) = self.pace.add(size, busy_us, left_out, finished_us) {
+            tracing::warn!("{advice}");
+        }
+        self.onboard.report(left_out, seen.blind, busy_us);
         let tracks = self.onboard.see(&seen.found, seen.frame.time_us, received_us);
         self.summary.frames += 1;
         self.summary.digest.update(&seen.found.list);
@@ -325,7 +336,7 @@ impl<'a> Service<'a> {
             self.state = state;
             match state {
                 State::Watching | State::Starting => tracing::info!("{}", state_in_words(state)),
-                State::Blind(_) | State::Stalled | State::NoAutopilot => {
+                State::Blind(_) | State::Stalled | State::Slow | State::NoAutopilot => {
                     tracing::warn!("{}", state_in_words(state));
                 }
             }
@@ -398,6 +409,7 @@ impl<'a> Service<'a> {
             camera: self.capture.state(),
             frames: (self.summary.frames, self.capture.mailbox.dropped(), rate),
             latency: self.summary.stages.percentiles(&self.links.latency()),
+            advice: self.pace.advice().map(String::from),
         }
     }
 
@@ -454,6 +466,7 @@ impl<'a> Service<'a> {
             missed: self.capture.missed.load(Ordering::Relaxed),
             opened: self.capture.opened.load(Ordering::Relaxed),
             sent: self.links.latency(),
+            unplaced: telemetry::unplaced(&self.onboard).unwrap_or_default(),
             ..self.summary
         })
     }
@@ -494,6 +507,7 @@ fn component(config: &Config) -> component::Config {
             width: pixels(config.camera.width),
             height: pixels(config.camera.height),
         }),
+        gimbal: config.camera.gimbal,
         heartbeat: match config.heartbeat_type.as_str() {
             "adsb" => HeartbeatType::Adsb,
             "flarm" => HeartbeatType::Flarm,
@@ -524,6 +538,7 @@ fn state_in_words(state: State) -> String {
         State::Starting => "starting, no frame yet".into(),
         State::Watching => "watching for traffic".into(),
         State::Stalled => "no frames, traffic is not watched".into(),
+        State::Slow => "the detector is too slow, traffic is not watched".into(),
         State::NoAutopilot => "watching, but the autopilot is gone".into(),
         State::Blind(blind) => {
             let reasons: Vec<_> = blind.reasons().collect();

@@ -7,7 +7,7 @@ const STATE_WITHIN = 3000, PICTURE_WITHIN = 9000;
 const LEVELS = { none: "No alert", traffic: "Traffic", caution: "Caution", warning: "Warning" };
 const URGENCY = Object.keys(LEVELS);
 const LINKS = { up: "up", silent: "no answer", down: "down" };
-const STATES = { starting: "starting", watching: "watching", blind: "blind", camera_gone: "camera gone" };
+const STATES = { starting: "starting", watching: "watching", blind: "blind", camera_gone: "camera gone", slow: "too slow" };
 
 const $ = (id) => document.getElementById(id);
 const sleep = (time) => new Promise((wake) => setTimeout(wake, time));
@@ -154,6 +154,9 @@ function fault() {
     return { old: true, text: `The lookout stands still: nothing new for ${seconds(age_ms + silent)}.` };
   }
   if (health.state === "camera_gone") return { old: false, text: "Camera gone: no pictures come." };
+  if (health.state === "slow") {
+    return { old: false, text: sentence(health.advice ?? "the detector is too slow for these frames") };
+  }
   if (health.state === "blind" || health.blind.length) {
     return { old: false, text: `Blind: ${health.blind.join(", ") || "nothing can be seen"}.` };
   }
@@ -163,8 +166,14 @@ function fault() {
   if (!state.autopilot && state.links.length) {
     return { old: false, watching: true, text: "No autopilot heard: no traffic is on its map or that of a ground station." };
   }
+  if (state.off_map) {
+    return { old: false, watching: true, text: `Traffic is not on the map: ${state.off_map}.` };
+  }
+  if (health.advice) return { old: false, watching: true, text: sentence(health.advice) };
   return null;
 }
+
+const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
 
 function showAlert() {
   const trouble = fault();

@@ -225,6 +225,9 @@ fn trouble(health: &Health, frame_age: Option<Duration>) -> Option<String> {
     if health.state == State::CameraGone {
         return Some("camera gone".into());
     }
+    if health.state == State::Slow {
+        return Some("the detector is too slow".into());
+    }
     if age >= STALE {
         return Some(format!("no frame for {} s", age.as_secs()));
     }

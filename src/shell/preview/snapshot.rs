@@ -36,6 +36,8 @@ pub struct Snapshot {
     pub autopilot: Option<String>,
     /// Whether it is gone.
     pub autopilot_lost: bool,
+    /// Why objects are not put on the map, in words.
+    pub off_map: Option<String>,
     /// The parameters that ground stations set.
     pub parameters: Vec<ParameterLine>,
     /// Horizontal field of view of the camera in degrees; see [`Snapshot::look_through`].
@@ -45,8 +47,12 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Fills in field of view and direction of the camera.
-    pub fn look_through(&mut self, camera: &Camera) {
+    /// Fills in field of view and direction of the camera, where these are known.
+    pub fn look_through(&mut self, camera: Option<&Camera>) {
+        let Some(camera) = camera else {
+            (self.field_of_view_deg, self.camera_azimuth_deg) = (0.0, 0.0);
+            return;
+        };
         let (width, height) = (camera.intrinsics().width, camera.intrinsics().height);
         let middle = I28F4::saturating_from_num(height) / 2;
         let azimuth = |x: I28F4| degrees(Direction::from(camera.body(x, middle)).azimuth());
@@ -105,10 +111,10 @@ pub struct Track {
     pub confirmed: bool,
     /// Whether the frame has no detection of it and its position is predicted.
     pub coasting: bool,
-    /// Degrees to the right of the vehicle's nose.
-    pub azimuth_deg: f64,
+    /// Degrees to the right of the vehicle's nose; none where it is not known where a gimbal points.
+    pub azimuth_deg: Option<f64>,
     /// Degrees above the vehicle's level plane.
-    pub elevation_deg: f64,
+    pub elevation_deg: Option<f64>,
     /// Callsign of the aircraft that explains it; empty without one.
     pub callsign: String,
     /// Whether it is of the own fleet, and not reported.
@@ -132,7 +138,11 @@ impl Track {
                 .and_then(|aircraft| aircraft.callsign)
                 .map_or(String::new(), |callsign| callsign.to_string()),
             muted: component.is_muted(traffic.id),
-            ..Self::from(traffic)
+            ..if component.is_pointed() {
+                Self::from(traffic)
+            } else {
+                Self { azimuth_deg: None, elevation_deg: None, ..Self::from(traffic) }
+            }
         }
     }
 }
@@ -146,8 +156,8 @@ impl From<&Traffic> for Track {
             level: traffic.level,
             confirmed: traffic.confirmed,
             coasting: traffic.coasting,
-            azimuth_deg: degrees(traffic.body.azimuth()),
-            elevation_deg: degrees(traffic.body.elevation()),
+            azimuth_deg: Some(degrees(traffic.body.azimuth())),
+            elevation_deg: Some(degrees(traffic.body.elevation())),
             callsign: String::new(),
             muted: false,
             range_m: traffic.range.map(|range| range.value.to_num()),
@@ -174,6 +184,8 @@ pub struct Health {
     pub frames_per_second: f64,
     /// The camera in words: device, size, format.
     pub camera: String,
+    /// What to do about a detector that is too slow, in words.
+    pub advice: Option<String>,
 }
 
 impl Health {
@@ -196,6 +208,8 @@ pub enum State {
     Blind,
     /// The source gives no frames.
     CameraGone,
+    /// Frames come, but the detector takes too long for one.
+    Slow,
 }
 
 /// How long a stage of the work takes.
@@ -282,7 +296,10 @@ mod tests {
     #[test]
     fn a_track_in_degrees_and_metres() {
         let track = Track::from(&traffic(7));
-        assert!(near(track.azimuth_deg, 45.0) && near(track.elevation_deg, 0.0), "{track:?}");
+        assert!(
+            near(track.azimuth_deg.unwrap(), 45.0) && near(track.elevation_deg.unwrap(), 0.0),
+            "{track:?}"
+        );
         assert_eq!((track.id, track.range_m, track.time_to_contact_s), (7, Some(300.0), None));
         assert_eq!((track.rect, track.score), ([100.0, 50.0, 20.0, 10.0], 2.0));
         let value = serde_json::to_value(&track).unwrap();
@@ -295,7 +312,7 @@ mod tests {
         for (yaw, azimuth) in [(0, 0.0), (40, 40.0), (-90, -90.0), (170, 170.0)] {
             let turn = Attitude::from_euler(Real::ZERO, Real::ZERO, Real::from_num(yaw) * PI / 180);
             let mut snapshot = Snapshot::default();
-            snapshot.look_through(&camera.mounted(turn.after(Attitude::FORWARD)));
+            snapshot.look_through(Some(&camera.mounted(turn.after(Attitude::FORWARD))));
             assert!(near(snapshot.camera_azimuth_deg, azimuth), "{snapshot:?}");
             assert!(near(snapshot.field_of_view_deg, 60.0), "{snapshot:?}");
         }

@@ -15,6 +15,7 @@ use super::sources::Frame;
 use super::support::interrupt::{self, Ended};
 use crate::detector::digest::Digest;
 use crate::detector::{Detection, Detections};
+use crate::mavlink::component;
 use crate::mavlink::component::parameters::Parameters;
 use crate::mavlink::lookout::Onboard;
 use crate::model::Model;
@@ -30,7 +31,7 @@ use std::path::PathBuf;
 use std::string::String;
 use std::time::{Duration, Instant};
 use std::{eprintln, format};
-use telemetry::{LATENCY_US, Telemetry, TelemetryArgs};
+use telemetry::{LATENCY_US, Telemetry, TelemetryArgs, unplaced};
 
 /// Default precision (Q16) of reported detections, for models with a calibration.
 const PRECISION: u32 = ONE * 9 / 10;
@@ -177,6 +178,8 @@ struct Outputs {
     telemetry: Telemetry,
     tracks: tracker::Settings,
     parameters: Parameters,
+    /// The camera is on a gimbal.
+    gimbal: bool,
     onboard: Option<Onboard>,
     levels: BTreeMap<u16, Level>,
     mot: Option<TextFile>,
@@ -191,6 +194,8 @@ struct Outputs {
     found: u64,
     dropped: u64,
     start: Instant,
+    /// Whether positions matter: the vehicle's log was given, or somebody is told.
+    heard: bool,
 }
 
 impl Outputs {
@@ -207,6 +212,7 @@ impl Outputs {
             lead: args.lead,
             camera: (args.camera.clone(), own),
             parameters: args.telemetry.parameters()?,
+            gimbal: args.telemetry.gimbal,
             telemetry: Telemetry::open(&args.telemetry, simulated)?,
             tracks,
             onboard: None,
@@ -225,6 +231,7 @@ impl Outputs {
             found: 0,
             dropped: 0,
             start: Instant::now(),
+            heard: args.telemetry.hears() || args.telemetry.speaks(),
         };
         let asked = outputs.mot.is_some()
             || outputs.jsonl.is_some()
@@ -241,7 +248,8 @@ impl Outputs {
             none => {
                 let (args, own) = &self.camera;
                 let camera = args.camera(frame.width, frame.height, own.as_ref())?;
-                let (component, kept) = (Default::default(), self.parameters);
+                let component = component::Config { gimbal: self.gimbal, ..Default::default() };
+                let kept = self.parameters;
                 none.insert(Onboard::new(camera, self.tracks, component, kept, 0))
             }
         };
@@ -279,7 +287,7 @@ impl Outputs {
                 let level = self.levels.entry(track.id).or_default();
                 if track.level > *level {
                     let seconds = frame.time_us as f64 / 1e6;
-                    let words = traffic::in_words(track);
+                    let words = traffic::in_words(track, onboard.is_pointed());
                     print_line(&format!("frame {number}, {seconds:.3} s: {words}"))?;
                 }
                 *level = track.level;
@@ -309,6 +317,9 @@ impl Outputs {
             String::new()
         };
         eprintln!("{frames} frames, {found} detections{lost}, {rate:.1} frames a second");
+        if let Some(words) = self.onboard.as_ref().filter(|_| self.heard).and_then(unplaced) {
+            eprintln!("lookout: {words}");
+        }
         if ended == Ended::Interrupted {
             eprintln!(
                 "lookout: interrupted after frame {frames}; what was written is complete up to there"

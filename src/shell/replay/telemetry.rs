@@ -6,6 +6,7 @@
 use crate::mavlink::component::parameters::Parameters;
 use crate::mavlink::component::{Event, Outgoing, Trust};
 use crate::mavlink::lookout::Onboard;
+use crate::mavlink::placing::{Cause, News};
 use crate::shell::error::Error;
 use crate::shell::formats::flight_log;
 use crate::shell::formats::flight_sample::FlightLogError;
@@ -17,6 +18,7 @@ use crate::shell::support::clock;
 use mavlink_core::MAVLinkMessageRaw;
 use std::boxed::Box;
 use std::collections::BTreeMap;
+use std::format;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::iter::{self, Peekable};
@@ -53,6 +55,9 @@ pub struct TelemetryArgs {
     /// Key for signatures on these links, 64 hexadecimal digits; unsigned commands are then refused. The signing time is kept in FILE.time
     #[arg(long, value_name = "FILE", requires = "link")]
     signing_key: Option<PathBuf>,
+    /// The camera is on a gimbal: where it looks comes from GIMBAL_DEVICE_ATTITUDE_STATUS in the log
+    #[arg(long, requires = "tlog_in")]
+    pub gimbal: bool,
     /// Parameters (LK_..) as `lookout run` keeps them; default: the defaults
     #[arg(long, value_name = "FILE")]
     parameters: Option<PathBuf>,
@@ -62,6 +67,11 @@ impl TelemetryArgs {
     /// Whether anything is to be written or sent.
     pub fn speaks(&self) -> bool {
         self.tlog_out.is_some() || !self.link.is_empty()
+    }
+
+    /// Whether the vehicle's log is heard.
+    pub fn hears(&self) -> bool {
+        self.tlog_in.is_some()
     }
 
     /// The parameters to begin with.
@@ -113,9 +123,37 @@ pub fn log_events(onboard: &mut Onboard) {
                 let value = onboard.component().parameters().wire(parameter);
                 tracing::info!("parameter {} set to {value}", parameter.name());
             }
-            Event::Attitude { .. } => {}
+            Event::FieldOfView { degrees } => {
+                tracing::info!(
+                    "the camera's field of view is {degrees:.1} degrees by its own CAMERA_FOV_STATUS"
+                );
+            }
+            Event::Map(News::Lost(cause)) => {
+                let often = often(onboard);
+                tracing::warn!("traffic is not put on the map: {cause}{often}");
+            }
+            Event::Map(News::Good) => tracing::info!("traffic is put on the map again"),
+            Event::Attitude { .. } | Event::Rates { .. } | Event::Gimbal { .. } => {}
         }
     }
+}
+
+/// `; 2.0 attitudes a second`.
+fn often(onboard: &Onboard) -> String {
+    let interval = onboard.attitude_interval_us().filter(|us| *us > 0);
+    interval.map_or(String::new(), |us| format!("; {:.1} attitudes a second", 1e6 / us as f64))
+}
+
+/// How many objects had no place on the map, and why: a line for each cause. `None` where all had one.
+pub fn unplaced(onboard: &Onboard) -> Option<String> {
+    let counts = onboard.placing().counts();
+    let mut lines = Vec::new();
+    for (cause, lost) in Cause::ALL.into_iter().zip(counts.lost).filter(|(_, lost)| *lost > 0) {
+        let often = if cause == Cause::RareAttitude { often(onboard) } else { String::new() };
+        let all = counts.all();
+        lines.push(format!("no place on the map for {lost} of {all} sightings: {cause}{often}"));
+    }
+    (!lines.is_empty()).then(|| lines.join("\n"))
 }
 
 type Feed = Box<dyn Iterator<Item = Result<(i64, MAVLinkMessageRaw), FlightLogError>>>;

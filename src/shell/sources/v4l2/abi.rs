@@ -1,6 +1,8 @@
-//! The kernel's structures and request numbers for video capture, on 64-bit systems.
+//! The kernel's structures and request numbers for video capture.
 //!
-//! Names and layout are those of `linux/videodev2.h`, which never change; only what is used here is written out.
+//! Names and layout are those of `linux/videodev2.h`, which never change; only what is used here is written out. They differ
+//! between systems of 32 and 64 bits where the kernel's structure holds a pointer: there it is as large and as aligned as
+//! one. Times are of 64 bits on both, which Linux has from 5.6 on (a structure of another size, so another request number).
 
 use rustix::ioctl::{Opcode, opcode};
 
@@ -18,6 +20,12 @@ pub const INTERLACED: u32 = 4;
 pub const INTERLACED_TOP: u32 = 8;
 /// `V4L2_FIELD_INTERLACED_BT`: the same, bottom field first.
 pub const INTERLACED_BOTTOM: u32 = 9;
+
+/// What a pointer of the system takes beyond four bytes: four bytes, or none.
+#[cfg(target_pointer_width = "64")]
+pub type Gap = u32;
+#[cfg(target_pointer_width = "32")]
+pub type Gap = [u32; 0];
 
 /// `v4l2_capability`.
 #[repr(C)]
@@ -60,12 +68,12 @@ pub struct FormatDescription {
     pub reserved: [u32; 3],
 }
 
-/// `v4l2_format` with its `v4l2_pix_format`.
+/// `v4l2_format` with its `v4l2_pix_format`. Others of its formats hold pointers.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Format {
+pub struct Format<G = Gap> {
     pub kind: u32,
-    pub padding: u32,
+    pub padding: G,
     pub width: u32,
     pub height: u32,
     pub fourcc: [u8; 4],
@@ -78,7 +86,7 @@ pub struct Format {
     pub encoding: u32,
     pub quantization: u32,
     pub transfer: u32,
-    pub rest: [u64; 19],
+    pub rest: [[u32; 19]; 2],
 }
 
 impl Format {
@@ -120,7 +128,7 @@ pub struct RequestBuffers {
 /// `v4l2_buffer`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Buffer {
+pub struct Buffer<G = Gap> {
     pub index: u32,
     pub kind: u32,
     pub bytes_used: u32,
@@ -134,9 +142,9 @@ pub struct Buffer {
     pub memory: u32,
     /// Where to map it, with [`MMAP`].
     pub offset: u32,
-    pub offset_padding: u32,
+    pub offset_padding: G,
     pub length: u32,
-    pub reserved: [u32; 3],
+    pub reserved: [u32; 2],
 }
 
 impl Buffer {
@@ -190,21 +198,19 @@ pub struct ControlValue {
 /// `v4l2_ext_controls`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
-pub struct ControlValues {
+pub struct ControlValues<P = *mut ControlValue> {
     pub which: u32,
     pub count: u32,
     pub error_index: u32,
     pub request: i32,
     pub reserved: u32,
-    pub padding: u32,
-    pub controls: *mut ControlValue,
+    pub controls: P,
 }
 
 impl ControlValues {
     /// A request about one control.
     pub fn one(controls: *mut ControlValue) -> Self {
-        let (which, error_index, request, reserved, padding) = (0, 0, 0, 0, 0);
-        Self { which, count: 1, error_index, request, reserved, padding, controls }
+        Self { which: 0, count: 1, error_index: 0, request: 0, reserved: 0, controls }
     }
 }
 
@@ -226,21 +232,67 @@ pub const S_EXT_CTRLS: Opcode = opcode::read_write::<ControlValues>(GROUP, 72);
 pub const QUERY_EXT_CTRL: Opcode = opcode::read_write::<ControlQuery>(GROUP, 103);
 
 // A number holds direction, size of the structure, group and number of the request; these are what a C compiler makes
-// of the header for x86-64 and AArch64. A 32-bit system has smaller structures, and is not supported.
+// of the header.
 const _: () = {
     assert!(QUERYCAP == 0x8068_5600);
     assert!(ENUM_FMT == 0xc040_5602);
-    assert!(S_FMT == 0xc0d0_5605);
     assert!(REQBUFS == 0xc014_5608);
-    assert!(QUERYBUF == 0xc058_5609);
-    assert!(QBUF == 0xc058_560f);
-    assert!(DQBUF == 0xc058_5611);
     assert!(STREAMON == 0x4004_5612);
     assert!(STREAMOFF == 0x4004_5613);
     assert!(G_PARM == 0xc0cc_5615);
     assert!(S_PARM == 0xc0cc_5616);
-    assert!(G_EXT_CTRLS == 0xc020_5647);
-    assert!(S_EXT_CTRLS == 0xc020_5648);
     assert!(QUERY_EXT_CTRL == 0xc0e8_5667);
     assert!(size_of::<ControlValue>() == 20);
 };
+
+// For x86-64 and AArch64.
+#[cfg(target_pointer_width = "64")]
+const _: () = {
+    assert!(S_FMT == 0xc0d0_5605);
+    assert!(QUERYBUF == 0xc058_5609);
+    assert!(QBUF == 0xc058_560f);
+    assert!(DQBUF == 0xc058_5611);
+    assert!(G_EXT_CTRLS == 0xc020_5647);
+    assert!(S_EXT_CTRLS == 0xc020_5648);
+};
+
+// For 32-bit ARM, with times of 64 bits.
+#[cfg(all(target_pointer_width = "32", target_arch = "arm"))]
+const _: () = {
+    assert!(S_FMT == 0xc0cc_5605);
+    assert!(QUERYBUF == 0xc050_5609);
+    assert!(QBUF == 0xc050_560f);
+    assert!(DQBUF == 0xc050_5611);
+    assert!(G_EXT_CTRLS == 0xc018_5647);
+    assert!(S_EXT_CTRLS == 0xc018_5648);
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::mem::offset_of;
+
+    /// What takes no room.
+    type NoGap = [u32; 0];
+
+    /// Of both systems, on either: an `i64` is aligned to eight bytes on ARM as on 64-bit systems.
+    #[test]
+    fn layouts_of_both_widths() {
+        assert_eq!((size_of::<Format<u32>>(), size_of::<Format<NoGap>>()), (208, 204));
+        assert_eq!((offset_of!(Format<u32>, width), offset_of!(Format<NoGap>, width)), (8, 4));
+        assert_eq!((size_of::<Buffer<u32>>(), size_of::<Buffer<NoGap>>()), (88, 80));
+        for seconds in [offset_of!(Buffer<u32>, seconds), offset_of!(Buffer<NoGap>, seconds)] {
+            assert_eq!(seconds, 24);
+        }
+        assert_eq!((offset_of!(Buffer<u32>, offset), offset_of!(Buffer<NoGap>, offset)), (64, 64));
+        assert_eq!((offset_of!(Buffer<u32>, length), offset_of!(Buffer<NoGap>, length)), (72, 68));
+        type Values<P> = ControlValues<P>;
+        assert_eq!((size_of::<Values<u64>>(), size_of::<Values<u32>>()), (32, 24));
+        assert_eq!(
+            (offset_of!(Values<u64>, controls), offset_of!(Values<u32>, controls)),
+            (24, 20)
+        );
+        assert_eq!((size_of::<ControlQuery>(), offset_of!(ControlQuery, minimum)), (232, 40));
+        assert_eq!(size_of::<StreamParameters>(), 204);
+    }
+}
