@@ -15,6 +15,7 @@ pub mod params;
 pub mod pictures;
 pub mod pipeline;
 pub mod preview;
+pub mod program;
 pub mod render;
 pub mod replay;
 pub mod simulate;
