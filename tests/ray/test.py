@@ -1,4 +1,4 @@
-"""Runs examples/fleet on this machine: test.py LOOKOUT.
+"""Runs examples/fleet on this machine: test.py LOOKOUT [CLIPS].
 
 40 simulated clips on two Ray workers, of which one is killed in the middle; the report must be that of `lookout eval`. The
 files for Slurm and Kubernetes are started as those engines would, three tasks each.
@@ -16,7 +16,7 @@ import time
 import yaml
 
 EXAMPLES = pathlib.Path(__file__).resolve().parents[2] / "examples" / "fleet"
-CLIPS = 40
+CLIPS = int(sys.argv[2]) if len(sys.argv) > 2 else 40
 KINDS = ["crossing", "hover", "receding", "none"]
 
 
@@ -98,7 +98,7 @@ def main():
         folder = pathlib.Path(name)
         for number in range(CLIPS):
             run(lookout, "simulate", "--out", f"data/{number:02}", "--kind", KINDS[number % 4], "--seed", str(number),
-                "--width", "160", "--height", "120", "--fps", "10", "--seconds", "1.2", cwd=folder)
+                "--width", "96", "--height", "72", "--fps", "10", "--seconds", "1.2", cwd=folder)
         run(lookout, "manifest", "data", "--out", "m.csv", cwd=folder)
         started = time.monotonic()
         expected = run(lookout, "eval", "data", "--jobs", "1", cwd=folder)

@@ -78,10 +78,7 @@ pub fn run(args: &ManifestArgs) -> Result<Ended, Error> {
     for (number, clip) in splits.clips.iter().enumerate() {
         let labels = clips::labels_of_clip(clip);
         // A video in a folder of videos is a clip by itself.
-        let alone = labels
-            .as_deref()
-            .is_some_and(|labels| labels.with_extension("") == clip.input.with_extension(""))
-            || clips::labels(&clip.directory).is_none();
+        let alone = clips::labels(&clip.directory).is_none();
         let path = if alone { &clip.input } else { &clip.directory };
         let row = Row {
             clip: clip.name.clone(),
@@ -215,6 +212,9 @@ impl Row {
     pub fn clip(&self, folder: &Path) -> Result<(Clip, Facts), Error> {
         let path = folder.join(&self.path);
         let labels = (!self.labels.is_empty()).then(|| folder.join(&self.labels));
+        if labels.is_none() && path.is_file() {
+            return Err(clips::ClipsError::NoLabels { path }.into());
+        }
         let mut clip = if path.is_dir() {
             clips::clip(&path)?
         } else {

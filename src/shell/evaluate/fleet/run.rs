@@ -215,8 +215,12 @@ fn is_of_the_machine(error: &Error) -> bool {
 }
 
 fn is_of_the_source(error: &SourceError) -> bool {
-    matches!(
-        error,
-        SourceError::Open { .. } | SourceError::Read { .. } | SourceError::FfmpegMissing { .. }
-    )
+    match error {
+        SourceError::Open { .. } | SourceError::Read { .. } | SourceError::FfmpegMissing { .. } => {
+            true
+        }
+        // Without a word of its own it was ended from outside: by a system without memory, for example.
+        SourceError::Ffmpeg { message, .. } => message.starts_with("it ended with"),
+        _ => false,
+    }
 }
