@@ -53,6 +53,9 @@ def main():
     parser.add_argument("--workers", type=int, help="clips at a time on this machine, without --address")
     parser.add_argument("arguments", nargs="*", help="behind --: more arguments of lookout eval")
     args = parser.parse_args()
+    # Standard output is the report's; Ray tells of lost workers there.
+    report = os.dup(1)
+    os.dup2(2, 1)
     manifest, out = os.path.abspath(args.manifest), os.path.abspath(args.out)
     with open(manifest, newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -74,7 +77,7 @@ def main():
             print(f"{done} of {len(rows)}: {clip}, worker {worker}, {done / hours:.0f} clips an hour", flush=True,
                   file=sys.stderr)
     print(*bad, sep="\n", end="\n" if bad else "", file=sys.stderr)
-    merged = subprocess.run([args.lookout, "merge", out])
+    merged = subprocess.run([args.lookout, "merge", out], stdout=report)
     sys.exit(merged.returncode)
 
 

@@ -6,7 +6,7 @@ use lookout::image::Image;
 use lookout::model::calibration::ONE;
 use lookout::shell::formats::detections::{Decimal, SCORE_BITS, rect};
 use lookout::shell::pipeline::{DetectorArgs, Memory, ModelFile, PipelineError};
-use numpy::{PyArrayMethods, PyReadonlyArray2};
+use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use self_cell::{MutBorrow, self_cell};
@@ -68,11 +68,11 @@ impl Detector {
     #[new]
     #[pyo3(signature = (model = None, *, threshold = None, min_precision = 0.9))]
     fn new(
-        model: Option<Model>,
+        model: Option<&Model>,
         threshold: Option<f64>,
         min_precision: Option<f64>,
     ) -> PyResult<Self> {
-        let model = model.map_or_else(Model::shipped, Ok)?;
+        let model = model.cloned().map_or_else(Model::shipped, Ok)?;
         let mut args = DetectorArgs::default();
         match (threshold, min_precision) {
             (Some(score), _) if score.is_finite() => {
@@ -124,10 +124,12 @@ impl Detector {
         })?;
         let [height, width] = [0, 1].map(|axis| frame.as_array().shape()[axis]);
         let copy: Vec<u8>;
-        let pixels = match frame.as_slice() {
-            Ok(pixels) => pixels,
-            Err(_) => {
-                copy = frame.to_vec_rows();
+        // A slice is there for columns one behind the other too.
+        let rows = frame.as_slice().ok().filter(|_| frame.is_c_contiguous());
+        let pixels = match rows {
+            Some(pixels) => pixels,
+            None => {
+                copy = frame.as_array().iter().copied().collect();
                 &copy
             }
         };
@@ -138,17 +140,6 @@ impl Detector {
     fn reset(&self) {
         *self.state.lock().unwrap_or_else(PoisonError::into_inner) =
             State { cell: None, last_us: None };
-    }
-}
-
-/// Rows one behind the other, whatever the array's strides are.
-trait Rows {
-    fn to_vec_rows(&self) -> Vec<u8>;
-}
-
-impl Rows for PyReadonlyArray2<'_, u8> {
-    fn to_vec_rows(&self) -> Vec<u8> {
-        self.as_array().iter().copied().collect()
     }
 }
 

@@ -59,7 +59,7 @@ def ray_loses_a_worker(lookout, folder, expected):
     report = child.stdout.read()
     assert child.wait() == 0, report
     assert killed is not None and len(workers) >= 3, (killed, workers)
-    assert report == expected
+    assert report == expected, report
     print(f"Ray: {CLIPS} clips, workers {len(workers)}, one killed; the report is that of one machine; {rates[-1]} clips an hour")
 
 

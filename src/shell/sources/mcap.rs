@@ -10,6 +10,7 @@ use base64::engine::general_purpose::STANDARD;
 use image::{DynamicImage, GrayImage, RgbImage, RgbaImage};
 use mcap::Message;
 use mcap::io::MessageReader;
+use mcap::sans_io::LinearReaderOptions;
 use serde::Deserialize;
 use std::boxed::Box;
 use std::format;
@@ -18,6 +19,9 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
+
+/// Bytes of a message at most, so that a broken length asks for no more memory.
+const MOST_BYTES: usize = 1 << 28;
 
 /// Forms of pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,9 +61,11 @@ impl Mcap {
     pub fn open(path: &Path, topic: Option<String>) -> Result<Self, SourceError> {
         let file =
             File::open(path).map_err(|source| SourceError::Open { path: path.into(), source })?;
+        let options = LinearReaderOptions::default().with_record_length_limit(MOST_BYTES);
+        let reader = MessageReader::new_with_options(BufReader::new(file), options);
         Ok(Self {
             path: path.into(),
-            messages: Box::new(MessageReader::new(BufReader::new(file))),
+            messages: Box::new(reader),
             topic,
             told: false,
             first_ns: None,
