@@ -14,7 +14,7 @@ use lookout::shell::live::source::{LiveError, LiveSource, Open, Taken};
 use lookout::shell::sources::Frame;
 use serde_json::Value;
 use std::fs;
-use std::net::TcpListener;
+use std::net::{TcpListener, UdpSocket};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -231,6 +231,29 @@ fn later_segments_replay_bit_for_bit() {
     }
     assert!(reported > summary.frames / 2, "{reported} of {}", summary.frames);
     assert!(found > 100, "{found} detections are too few to compare");
+}
+
+#[test]
+fn every_frame_goes_out_as_a_line_of_json() {
+    let listener = UdpSocket::bind("127.0.0.1:0").unwrap();
+    listener.set_read_timeout(Some(PATIENCE)).unwrap();
+    let ground = Ground::default();
+    let run = start(&ground, &format!("json = 'udp:{}'\n", listener.local_addr().unwrap()));
+    let mut bytes = vec![0; 65_536];
+    let mut last = 0;
+    loop {
+        let length = listener.recv(&mut bytes).expect("a datagram a frame");
+        let line: Value = serde_json::from_slice(&bytes[..length]).unwrap();
+        assert!(line["frame"].as_u64().unwrap() > last, "{line}");
+        last = line["frame"].as_u64().unwrap();
+        assert!(line["time_us"].as_i64().unwrap() > 1_600_000_000_000_000, "since 1970: {line}");
+        assert!(line["tracks"].is_array(), "{line}");
+        if line["detections"].as_array().is_some_and(|found| !found.is_empty()) {
+            assert_eq!(line["detections"][0]["box"].as_array().unwrap().len(), 4, "{line}");
+            break;
+        }
+    }
+    run.stop();
 }
 
 #[test]

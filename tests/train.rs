@@ -160,11 +160,14 @@ fn what_cannot_be_learned_from_is_refused_with_advice() {
     // Nothing but the bar before a plain sky: no window looks like it.
     let error = complaint(&folder, &["data", "--out=m.lkm", "--hold-back=0"]);
     assert!(error.contains("--empty DIR") && error.contains("--no-stcube"), "{error}");
-    let error = complaint(&folder, &["--empty=mine", "--out=m.lkm"]);
-    assert!(
-        error.contains("no target in the sampled frames") && error.contains("--samples"),
-        "{error}"
-    );
+    let error = complaint(&folder, &["mine/flight", "--out=m.lkm"]);
+    assert!(error.contains("no clip in it"), "{error}");
+    for from in [None, Some("--from=m.lkm")] {
+        let args = ["--empty=mine", "--out=n.lkm"];
+        let error = complaint(&folder, &[&args[..], from.as_slice()].concat());
+        assert!(error.contains("--empty alone") && error.contains("as DATA"), "{error}");
+        assert_eq!(error.contains("would forget"), from.is_some(), "{error}");
+    }
     let error = complaint(&folder, &["data", "--empty=data", "--out=m.lkm"]);
     assert!(error.contains("24 boxes in gt.txt; --empty takes footage without targets"), "{error}");
     let error = complaint(&folder, &["data", "--render=2", "--out=m.lkm"]);

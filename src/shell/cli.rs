@@ -27,6 +27,10 @@ pub enum Verb {
     Eval(evaluate::EvalArgs),
     /// Measure accuracy of detections in files
     Score(evaluate::ScoreArgs),
+    /// List the clips of folders, for evaluation on many machines (eval --manifest)
+    Manifest(evaluate::fleet::manifest::ManifestArgs),
+    /// Print the figures of an evaluation on many machines
+    Merge(evaluate::fleet::merge::MergeArgs),
     /// Convert labels (YOLO, COCO, MOTChallenge, CVAT, Pascal VOC, AOT) to a folder of clips
     Import(import::ImportArgs),
     /// Measure speed and memory

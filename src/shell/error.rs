@@ -13,6 +13,9 @@ use std::boxed::Box;
 use std::io;
 use std::path::Path;
 
+/// Exit status after which a scheduler must not try the same again.
+pub const FOREVER_STATUS: u8 = 42;
+
 /// Why a verb ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -43,6 +46,9 @@ pub enum Error {
     /// Signals cannot be watched.
     #[error(transparent)]
     Interrupt(#[from] InterruptError),
+    /// After this the same must not be tried again: a scheduler of many runs sees it by the exit status.
+    #[error(transparent)]
+    Forever(Box<Self>),
     /// An error of one verb alone; its type stands in the verb's folder.
     #[error(transparent)]
     Verb(Box<dyn std::error::Error + Send + Sync>),
@@ -62,6 +68,11 @@ impl Error {
     /// The error of one verb.
     pub fn verb(error: impl std::error::Error + Send + Sync + 'static) -> Self {
         Self::Verb(Box::new(error))
+    }
+
+    /// The program's exit status: 42 where the same must not be tried again.
+    pub fn exit_status(&self) -> u8 {
+        if matches!(self, Self::Forever(_)) { FOREVER_STATUS } else { 1 }
     }
 
     /// Whether the reader of our standard output has left, which is no fault.

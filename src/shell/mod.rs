@@ -45,6 +45,7 @@ pub mod pictures;
 )]
 pub mod pipeline;
 pub mod preview;
+pub mod program;
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_possible_wrap,

@@ -12,7 +12,7 @@ use crate::shell::formats::clips::{Clip, TruthBox};
 use crate::shell::formats::detections::{self, TextFile};
 use crate::shell::pipeline::{self, DetectorArgs};
 use crate::shell::sources::{Frame, FrameSource, SourceError};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::boxed::Box;
 use std::cell::Cell;
 use std::fs;
@@ -46,7 +46,7 @@ pub struct ClipResult {
 }
 
 /// Counts of the scan, summed over frames.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct ScanCounts {
     frames: u64,
     windows: u64,

@@ -3,6 +3,7 @@
 use crate::shell::error::Error;
 use crate::shell::formats::clips::Clip;
 use crate::shell::formats::error::FormatError;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::borrow::ToOwned;
 use std::collections::BTreeMap;
@@ -15,7 +16,7 @@ use std::{format, fs};
 const DEFAULT_RATE: f64 = 30.0;
 
 /// Properties of a clip.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Facts {
     /// Frames a second.
     pub rate: f64,
@@ -52,22 +53,24 @@ pub fn read(data: &Path, clips: &[Clip]) -> Result<Vec<Facts>, Error> {
         Some(path) if path.is_file() => read_table(path)?,
         _ => BTreeMap::new(),
     };
-    clips
-        .iter()
-        .map(|clip| {
-            let camera = read_camera(&clip.directory.join("camera.json"))?;
-            let row = rows.get(&clip.name).cloned().unwrap_or_default();
-            let rate = camera.rate.or(clip.info.frame_rate);
-            Ok(Facts {
-                rate: rate.unwrap_or(DEFAULT_RATE),
-                rate_given: rate.is_some(),
-                kind: row.kind.or(camera.kind),
-                agitation: row.agitation,
-                movers: row.movers,
-                spans_m: camera.spans_m,
-            })
-        })
-        .collect()
+    clips.iter().map(|clip| of(clip, rows.get(&clip.name).cloned().unwrap_or_default())).collect()
+}
+
+/// Facts of a clip from its `camera.json` and what a table or manifest says of it.
+///
+/// # Errors
+/// As [`read`].
+pub fn of(clip: &Clip, listed: Listed) -> Result<Facts, Error> {
+    let camera = read_camera(&clip.directory.join("camera.json"))?;
+    let rate = camera.rate.or(clip.info.frame_rate);
+    Ok(Facts {
+        rate: rate.unwrap_or(DEFAULT_RATE),
+        rate_given: rate.is_some(),
+        kind: listed.kind.or(camera.kind),
+        agitation: listed.agitation,
+        movers: listed.movers,
+        spans_m: camera.spans_m,
+    })
 }
 
 /// `SPLIT.csv` beside the folder; of a single clip that of the folder it stands in.
@@ -78,15 +81,17 @@ fn table_path(data: &Path) -> Option<PathBuf> {
     Some(split.parent()?.join(format!("{name}.csv")))
 }
 
-#[derive(Debug, Clone, Default)]
-struct Row {
-    kind: Option<String>,
-    agitation: Option<f64>,
-    movers: Option<f64>,
+/// What a table or manifest says of a clip; as in [`Facts`].
+#[allow(missing_docs, reason = "Facts has the same fields")]
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Listed {
+    pub kind: Option<String>,
+    pub agitation: Option<f64>,
+    pub movers: Option<f64>,
 }
 
 /// A row for each clip, which stands in the first column; the other columns are known by their names.
-fn read_table(path: &Path) -> Result<BTreeMap<String, Row>, Error> {
+fn read_table(path: &Path) -> Result<BTreeMap<String, Listed>, Error> {
     let text = fs::read_to_string(path).map_err(Error::read(path))?;
     let mut lines = text.lines().enumerate();
     let header: Vec<&str> =
@@ -103,7 +108,7 @@ fn read_table(path: &Path) -> Result<BTreeMap<String, Row>, Error> {
             let (found, expected) = (fields.len(), header.len());
             return Err(bad(format!("{found} fields, the first line names {expected}")).into());
         }
-        let mut row = Row::default();
+        let mut row = Listed::default();
         for (name, field) in header.iter().zip(&fields).filter(|(_, field)| !field.is_empty()) {
             match *name {
                 "kind" => row.kind = Some((*field).to_owned()),

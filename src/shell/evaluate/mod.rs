@@ -9,6 +9,7 @@ pub mod clip_run;
 pub mod coco;
 pub mod contrast;
 pub mod facts;
+pub mod fleet;
 pub mod kinds;
 pub mod matching;
 pub mod poisson;
@@ -18,6 +19,7 @@ pub mod registration;
 pub mod reliability;
 pub mod report;
 pub mod score;
+pub mod settle;
 pub mod splits;
 pub mod summary;
 pub mod table;
@@ -30,18 +32,21 @@ use super::formats::clips::Clip;
 use super::formats::detections::{self, Decimal};
 use super::pipeline::methods::MethodName;
 use super::pipeline::on_clips;
-use super::pipeline::{DetectorArgs, ModelFile, PipelineError};
+use super::pipeline::{DetectorArgs, ModelFile};
 use super::sources::Frame;
-use super::support::file_error::FileError;
 use super::support::interrupt::{self, Ended};
 use crate::model::Model;
 use crate::tracking::{Settings, tracker};
 use clip_run::{ClipResult, RunSettings};
 use facts::Facts;
+use fleet::manifest::Manifest;
+use fleet::run::ShardArgs;
+use fleet::shard::Shard;
 use matching::Found;
 use report::{Plan, ReportArgs};
+use settle::{of_the_clip, settle};
 use splits::Splits;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
 use std::{eprintln, fs};
@@ -65,6 +70,12 @@ pub enum EvaluateError {
         /// The folder.
         path: PathBuf,
     },
+    /// A manifest without a folder for results.
+    #[error("--manifest: results are files; name their folder with --out DIR")]
+    NoRunFolder,
+    /// A manifest with other methods.
+    #[error("--manifest: one method at a time, ours; leave --method out")]
+    OtherMethods,
     /// Two methods of one name.
     #[error("--external {name}: two methods of this name; take another name for one of them")]
     SameName {
@@ -90,10 +101,6 @@ impl From<EvaluateError> for Error {
 /// Clips to measure on, and how to follow objects.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SplitArgs {
-    /// Folders of clips: subfolders with gt.txt and a video or pictures, MOTChallenge sequences, or NAME.mp4 with NAME.txt;
-    /// figures are taken over all of them together
-    #[arg(value_name = "DATA_SPLIT", required = true)]
-    data: Vec<PathBuf>,
     /// Only clips whose names contain one of these
     #[arg(long, value_name = "TEXT", value_delimiter = ',')]
     clips: Vec<String>,
@@ -126,6 +133,22 @@ impl SplitArgs {
 /// Command-line arguments of `lookout eval`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct EvalArgs {
+    /// Folders of clips: subfolders with gt.txt and a video or pictures, MOTChallenge sequences, or NAME.mp4 with NAME.txt;
+    /// figures are taken over all of them together
+    #[arg(
+        value_name = "DATA_SPLIT",
+        required_unless_present = "manifest",
+        conflicts_with = "manifest"
+    )]
+    data: Vec<PathBuf>,
+    /// The clips of this list (`lookout manifest`). With --out DIR each clip's result is a file in DIR, a run that was ended
+    /// goes on where it was, and `lookout merge DIR` prints the figures
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["report", "external", "json"])]
+    manifest: Option<PathBuf>,
+    /// Only every Nth clip of the manifest, from the Ith on, from 0; without it as Slurm, Kubernetes (with JOB_COMPLETIONS)
+    /// or AWS Batch say in the environment, else all
+    #[arg(long, value_name = "I/N", requires = "manifest", value_parser = Shard::parse)]
+    shard: Option<Shard>,
     #[command(flatten)]
     split: SplitArgs,
     #[command(flatten)]
@@ -136,7 +159,7 @@ pub struct EvalArgs {
     /// Folder with METHOD.lkm for each method but ours, whose model is --model
     #[arg(long, value_name = "DIR", default_value = "methods")]
     models: PathBuf,
-    /// Write CLIP.txt (MOTChallenge) and CLIP.jsonl (with motion) for every clip into this folder, of other methods than ours into its folder METHOD
+    /// With --manifest: the run's folder, which all shards share. Else: write CLIP.txt (MOTChallenge) and CLIP.jsonl (with motion) for every clip into this folder, of other methods than ours into its folder METHOD
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -149,6 +172,9 @@ pub struct EvalArgs {
 /// Command-line arguments of `lookout score`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ScoreArgs {
+    /// Folders of clips, as `lookout eval` takes them
+    #[arg(value_name = "DATA_SPLIT", required = true)]
+    data: Vec<PathBuf>,
     #[command(flatten)]
     split: SplitArgs,
     /// Folder with CLIP.txt (MOTChallenge) for the clips, CLIP.jsonl beside it for --tracks; a clip without a file has no detections
@@ -165,12 +191,15 @@ pub struct ScoreArgs {
 /// [`Error`] where nothing can be measured or a file cannot be written; [`Error::BrokenClips`](crate::shell::evaluate::EvaluateError::BrokenClips) after everything else
 /// where clips had to be left out. The files of complete clips stay.
 pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
+    if let Some(manifest) = &args.manifest {
+        return run_manifest(args, manifest);
+    }
     let runs = runs(args, args.report.wanted())?;
     let models = runs.iter().map(Run::model).collect::<Result<Vec<_>, Error>>()?;
     for model in models.iter().flatten() {
         args.detector.least_score(model)?;
     }
-    let mut splits = Splits::read(&args.split.data, &args.split.clips)?;
+    let mut splits = Splits::read(&args.data, &args.split.clips)?;
     let mut plan = Plan::new(&args.report, &splits)?;
     interrupt::watch()?;
     for (run, model) in runs.iter().zip(&models) {
@@ -190,7 +219,7 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
             let kind = splits.facts[index].kind.as_deref();
             of_the_clip(clip_run::run(index, clip, kind, settings, watched))
         };
-        let Some(tried) = on_clips::<_, Error>(&splits.clips, args.jobs, &work)? else {
+        let Some(tried) = on_clips::<_, Error, _>(&splits.clips, args.jobs, &work)? else {
             eprintln!(
                 "lookout: interrupted; the files of the clips done so far are complete, no figures"
             );
@@ -236,42 +265,21 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
     Ok(Ended::Complete)
 }
 
-/// An error that is of the clip alone and ends nothing else becomes its reason.
-fn of_the_clip(result: Result<ClipResult, Error>) -> Result<Result<ClipResult, String>, Error> {
-    match result {
-        Err(
-            error @ (Error::File(FileError::Write { .. })
-            | Error::Pipeline(PipelineError::Threads { .. })),
-        ) => Err(error),
-        Err(error) => Ok(Err(error.to_string())),
-        Ok(result) => Ok(Ok(result)),
+/// Runs the clips of a manifest into a folder.
+fn run_manifest(args: &EvalArgs, manifest: &Path) -> Result<Ended, Error> {
+    let manifest = Manifest::read(manifest, &args.split.clips)?;
+    let Some(out) = &args.out else { return Err(EvaluateError::NoRunFolder.into()) };
+    if args.method != [MethodName::Ours] {
+        return Err(EvaluateError::OtherMethods.into());
     }
-}
-
-/// Leaves out the clips that could not be measured, and takes from the others what their frames say of labels and rate.
-fn settle(
-    tried: Vec<Result<ClipResult, String>>,
-    splits: &mut Splits,
-    plan: Option<&mut Plan>,
-) -> Vec<ClipResult> {
-    let reasons: Vec<Option<String>> = tried.iter().map(|r| r.as_ref().err().cloned()).collect();
-    let kept: Vec<bool> = reasons.iter().map(Option::is_none).collect();
-    splits.leave_out(&reasons);
-    if let Some(plan) = plan {
-        plan.leave_out(&kept);
-    }
-    let results: Vec<ClipResult> = tried.into_iter().filter_map(Result::ok).collect();
-    let facts = splits.facts.iter_mut();
-    for ((clip, facts), result) in splits.clips.iter_mut().zip(facts).zip(&results) {
-        if result.frames > 0 {
-            clip.ground_truth.end_at(result.frames);
-        }
-        if result.size.0 > 0 {
-            clip.info.size = Some((result.size.0 as u32, result.size.1 as u32));
-        }
-        facts.measured(result.rate);
-    }
-    results
+    fleet::run::run(ShardArgs {
+        manifest: &manifest,
+        shard: args.shard,
+        out,
+        detector: &args.detector,
+        follow: &|model| args.split.follow(Some(model)),
+        jobs: args.jobs,
+    })
 }
 
 /// A method about to run.
@@ -321,7 +329,7 @@ fn runs(args: &EvalArgs, report: bool) -> Result<Vec<Run>, Error> {
 /// [`Error`] naming the file and the line; [`Error::NoDetections`](crate::shell::evaluate::EvaluateError::NoDetections) where no clip has a file.
 pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     report::readable(&args.detections)?;
-    let mut splits = Splits::read(&args.split.data, &args.split.clips)?;
+    let mut splits = Splits::read(&args.data, &args.split.clips)?;
     let there = |clip: &Clip| report::path_of(&args.detections, clip).exists();
     let without: Vec<&str> =
         splits.clips.iter().filter(|clip| !there(clip)).map(|clip| clip.name.as_str()).collect();

@@ -6,14 +6,14 @@
 
 use crate::detector::Detections;
 use crate::shell::sources::Frame;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::vec::Vec;
 
 /// Pixels from one point of the grid to the next.
 const STEP: usize = 4;
 
 /// Registration over a clip.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ClipRegistration {
     /// Frames with one before them.
     frames: u64,

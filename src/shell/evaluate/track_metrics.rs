@@ -15,6 +15,7 @@ use crate::shell::formats::error::FormatError;
 use crate::shell::formats::truth::{self, FrameTruth};
 use crate::tracking::traffic::{Level, Traffic};
 use crate::tracking::{Settings, Watch};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::format;
 use std::string::{String, ToString};
@@ -55,7 +56,7 @@ pub struct ClipWatch<'a> {
 }
 
 /// A target over a clip.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct TargetResult {
     /// Frames in which it must be found.
     pub frames: u64,
@@ -73,7 +74,7 @@ pub struct TargetResult {
 }
 
 /// A confirmed track over a clip.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct TrackResult {
     /// Frames in which it was confirmed.
     pub frames: u64,
@@ -85,7 +86,8 @@ pub struct TrackResult {
     pub cautions: u64,
     /// Number of rises to warning.
     pub warnings: u64,
-    /// Level in the last frame.
+    /// Level in the last frame; of no use after it.
+    #[serde(skip)]
     pub level: Level,
 }
 
@@ -102,7 +104,7 @@ impl TrackResult {
 }
 
 /// One frame of a target whose distance is known.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RangeSample {
     /// Number of the target.
     pub id: i64,
@@ -113,7 +115,7 @@ pub struct RangeSample {
 }
 
 /// Figures of a clip.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct ClipTracks {
     /// Name of the clip.
     pub name: String,

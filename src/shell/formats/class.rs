@@ -1,9 +1,13 @@
 //! Classes of labelled objects and their numbers in MOTChallenge text.
 
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// Kind of a labelled flying object.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
+)]
+#[serde(rename_all = "lowercase")]
 pub enum Class {
     /// Multirotor or other small unmanned aircraft; number 1.
     #[default]

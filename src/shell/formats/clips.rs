@@ -181,8 +181,13 @@ fn read_video(video: &Path) -> Result<Clip, BrokenClip> {
     Ok(Clip { name, directory, input: video.into(), ground_truth, info: SeqInfo::default() })
 }
 
+/// The file of a clip's labels.
+pub fn labels_of_clip(clip: &Clip) -> Option<PathBuf> {
+    labels(&clip.directory).or_else(|| labels_of(&clip.input))
+}
+
 /// The labels in a clip's folder.
-fn labels(directory: &Path) -> Option<PathBuf> {
+pub fn labels(directory: &Path) -> Option<PathBuf> {
     ["gt.txt", "gt/gt.txt"].map(|name| directory.join(name)).into_iter().find(|p| p.is_file())
 }
 

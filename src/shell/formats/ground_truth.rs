@@ -6,6 +6,7 @@
 //! is not to be evaluated (MOT16).
 
 use super::class::Class;
+use serde::{Deserialize, Serialize};
 use std::borrow::ToOwned;
 use std::fs;
 use std::io;
@@ -15,7 +16,7 @@ use std::vec::Vec;
 use std::{format, vec};
 
 /// The boxes of a clip, by frame.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct GroundTruth {
     frames: Vec<Vec<TruthBox>>,
     /// Rows that were read otherwise than they stand.
@@ -23,7 +24,7 @@ pub struct GroundTruth {
 }
 
 /// Counts of rows of a `gt.txt` that are reported to the user.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Notes {
     /// Rows with a `conf` of 0: kept with a visibility of 0, so that they are ignored.
     pub not_evaluated: usize,
@@ -34,7 +35,7 @@ pub struct Notes {
 }
 
 /// A labelled object in one frame; pixels, the left upper corner of the frame is (0, 0).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TruthBox {
     /// The object; the same in all frames of a clip.
     pub id: i64,

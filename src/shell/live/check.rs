@@ -41,10 +41,11 @@ pub fn does_nothing(config: &Config) -> bool {
         && config.preview.is_none()
         && config.event_log.is_none()
         && config.record.is_none()
+        && config.json.is_none()
 }
 
 /// Text of the warning of [`does_nothing`].
-pub const NOTHING: &str = "nothing to do: there is no link, preview, event_log or record; traffic is watched and reported to nobody";
+pub const NOTHING: &str = "nothing to do: there is no link, preview, event_log, record or json; traffic is watched and reported to nobody";
 
 /// All faults of what the settings name, in the order of the keys.
 pub fn faults(config: &Config) -> Vec<Fault> {

@@ -41,6 +41,7 @@ pub struct Config {
     pub record: Option<PathBuf>,
     pub record_minutes: u64,
     pub record_megabytes: u64,
+    pub json: Option<String>,
     pub preview: Option<SocketAddr>,
     pub preview_token: Option<String>,
     pub traffic: TrafficConfig,

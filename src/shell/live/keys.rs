@@ -1,5 +1,6 @@
 //! Every key of the settings: meaning, unit, default, range, and whether a reload (SIGHUP) applies a change.
 
+use super::json_stream;
 use super::source_setting::SourceSetting;
 use crate::mavlink::messages::adsb::Callsign;
 use crate::shell::link::LinkSpec;
@@ -186,6 +187,14 @@ pub const KEYS: &[Key] = &[
         about: "The recording's size; the oldest minute gives way, also before its time.",
     },
     Key {
+        name: "json",
+        kind: Kind::Text(json),
+        unit: "udp:HOST:PORT",
+        default: "",
+        reload: true,
+        about: "Send every frame as a line of JSON, as `lookout replay --jsonl` writes it, in a UDP datagram; left out: not sent. examples/ros2_bridge.py reads them.",
+    },
+    Key {
         name: "preview",
         kind: Kind::Text(address),
         unit: "ADDRESS:PORT",
@@ -363,6 +372,10 @@ fn token(text: &str) -> Result<(), String> {
 
 fn any(_: &str) -> Result<(), String> {
     Ok(())
+}
+
+fn json(text: &str) -> Result<(), String> {
+    json_stream::address(text).map(drop)
 }
 
 fn link(text: &str) -> Result<(), String> {

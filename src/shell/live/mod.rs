@@ -5,6 +5,7 @@ pub mod check;
 pub mod config;
 mod events;
 pub mod image_health;
+mod json_stream;
 pub mod keys;
 mod live_source;
 pub mod log;

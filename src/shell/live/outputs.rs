@@ -1,10 +1,11 @@
-//! Secondary outputs: event log, recording, page.
+//! Secondary outputs: event log, recording, page, lines of JSON.
 //!
 //! Their failures never stop detection: an output that cannot be opened is logged and tried again.
 
 use super::capture::Camera;
 use super::config::Config;
 use super::events::Events;
+use super::json_stream::{self, JsonStream};
 use super::keys::Key;
 use super::record::Recorder;
 use super::worker::Seen;
@@ -48,21 +49,23 @@ enum Kind {
     Events,
     Recorder,
     Preview,
+    Json,
 }
 
 impl Kind {
-    const ALL: [Self; 3] = [Self::Events, Self::Recorder, Self::Preview];
+    const ALL: [Self; 4] = [Self::Events, Self::Recorder, Self::Preview, Self::Json];
 
     fn name(self) -> &'static str {
         match self {
             Self::Events => "event log",
             Self::Recorder => "recording",
             Self::Preview => "page",
+            Self::Json => "json",
         }
     }
 }
 
-/// The three outputs, each open where the settings name it.
+/// The outputs, each open where the settings name it.
 pub struct Outputs {
     config: Config,
     /// The camera file of the source.
@@ -72,6 +75,7 @@ pub struct Outputs {
     events: Option<Events>,
     recorder: Option<Recorder>,
     preview: Option<Preview>,
+    json: Option<JsonStream>,
     /// Whether the last attempt to open failed, by [`Kind`], and when the next one is due.
     failed: [bool; Kind::ALL.len()],
     next_us: i64,
@@ -89,6 +93,7 @@ impl Outputs {
             events: None,
             recorder: None,
             preview: None,
+            json: None,
             failed: Default::default(),
             next_us: 0,
             shown: Snapshot::default(),
@@ -103,6 +108,7 @@ impl Outputs {
             Kind::Events => self.open_events(),
             Kind::Recorder => self.open_recorder(),
             Kind::Preview => self.open_preview(),
+            Kind::Json => self.open_json(),
         };
         let failed = std::mem::replace(&mut self.failed[kind as usize], opened.is_err());
         match opened {
@@ -142,6 +148,13 @@ impl Outputs {
         Ok(())
     }
 
+    fn open_json(&mut self) -> Result<(), Error> {
+        self.json = None;
+        let place = self.config.json.as_deref().and_then(|text| json_stream::address(text).ok());
+        self.json = place.map(JsonStream::open).transpose().map_err(Error::verb)?;
+        Ok(())
+    }
+
     /// Opens anew what the changed settings are about, and what failed before.
     pub fn reload(&mut self, config: &Config, own: Option<&CameraFile>, changes: &[&Key]) {
         self.config = config.clone();
@@ -153,6 +166,7 @@ impl Outputs {
                 Kind::Events => about("event_log"),
                 Kind::Recorder => about("record") || source,
                 Kind::Preview => about("preview"),
+                Kind::Json => about("json"),
             };
             if changed || self.failed[kind as usize] {
                 self.reopen(kind);
@@ -190,6 +204,9 @@ impl Outputs {
         }
         if let Some(recorder) = &mut self.recorder {
             recorder.see(seen, tracks, onboard.component().parameters(), number);
+        }
+        if let Some(json) = &mut self.json {
+            json.see(seen, tracks, number);
         }
         let Some(preview) = &self.preview else { return };
         let frame = &seen.frame;

@@ -1,4 +1,4 @@
-//! A thread that writes items of the main loop: on a slow disk items are dropped, never frames of the detector.
+//! A thread that writes items of the main loop: on a slow disk or network items are dropped, never frames of the detector.
 
 use crossbeam_channel::{Sender, TrySendError, bounded};
 use std::io;
@@ -51,7 +51,7 @@ impl<T: Send + 'static> Writer<T> {
             Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
                 self.lost += 1;
                 if self.lost.is_power_of_two() {
-                    tracing::warn!("{}: the disk is too slow, {} lost", self.name, self.lost);
+                    tracing::warn!("{}: written too slowly, {} lost", self.name, self.lost);
                 }
                 false
             }

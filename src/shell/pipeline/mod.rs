@@ -189,6 +189,16 @@ impl ModelFile {
         }
     }
 
+    /// Its bytes.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// CRC-32 of its bytes, as the model's card has it.
+    pub fn checksum(&self) -> u32 {
+        crate::model::checksum(self.bytes.get(20..).unwrap_or_default())
+    }
+
     /// The checked model.
     ///
     /// # Errors

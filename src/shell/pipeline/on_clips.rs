@@ -1,7 +1,6 @@
 //! Work on many clips at once, results in their order, with a progress bar.
 
 use super::PipelineError;
-use crate::shell::formats::clips::Clip;
 use crate::shell::pipeline;
 use crate::shell::support::interrupt;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -10,14 +9,15 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::vec::Vec;
 
-/// Runs `work` on clips and their numbers, `jobs` at a time (0: one per processor core); `None` after Ctrl-C.
+/// Runs `work` on clips (or what stands for them) and their numbers, `jobs` at a time (0: one per processor core), each on a thread
+/// of its own; `None` after Ctrl-C.
 ///
 /// # Errors
 /// The error of the first clip in their order that has one.
-pub fn on_clips<T: Send, E: Send + From<PipelineError>>(
-    clips: &[Clip],
+pub fn on_clips<T: Send, E: Send + From<PipelineError>, C: Sync>(
+    clips: &[C],
     jobs: usize,
-    work: &(dyn Fn(usize, &Clip) -> Result<T, E> + Sync),
+    work: &(dyn Fn(usize, &C) -> Result<T, E> + Sync),
 ) -> Result<Option<Vec<T>>, E> {
     let cores = thread::available_parallelism().map_or(1, |n| n.get());
     let jobs = if jobs == 0 { cores } else { jobs }.min(clips.len());

@@ -1,6 +1,8 @@
 //! `lookout replay`: a recorded or simulated flight through the detector.
 
 pub mod flight;
+#[cfg(feature = "mcap")]
+mod mcap;
 pub mod telemetry;
 
 use super::error::Error;
@@ -61,6 +63,10 @@ pub struct ReplayArgs {
     /// Draw boxes, scores and motion: PNG pictures in a folder, or a video through ffmpeg
     #[arg(long, value_name = "DIR|FILE.mp4")]
     annotate: Option<PathBuf>,
+    /// Write pictures, boxes, tracks, bearings and alerts for Foxglove (MCAP)
+    #[cfg(feature = "mcap")]
+    #[arg(long, value_name = "FILE")]
+    mcap: Option<PathBuf>,
     /// Print a CRC-64 of all detections
     #[arg(long)]
     digest: bool,
@@ -185,6 +191,8 @@ struct Outputs {
     mot: Option<TextFile>,
     jsonl: Option<TextFile>,
     pictures: Option<Pictures>,
+    #[cfg(feature = "mcap")]
+    mcap: Option<mcap::Mcap>,
     digest: Option<Digest>,
     /// No output was requested: detections are printed in words.
     print: bool,
@@ -220,6 +228,8 @@ impl Outputs {
             mot: create(&args.detections)?,
             jsonl: create(&args.jsonl)?,
             pictures: args.annotate.as_deref().map(Pictures::create).transpose()?,
+            #[cfg(feature = "mcap")]
+            mcap: args.mcap.as_deref().map(mcap::Mcap::create).transpose()?,
             digest: args.digest.then(Digest::default),
             print: false,
             picture: Picture::default(),
@@ -238,6 +248,8 @@ impl Outputs {
             || outputs.pictures.is_some()
             || outputs.digest.is_some()
             || args.telemetry.speaks();
+        #[cfg(feature = "mcap")]
+        let asked = asked || outputs.mcap.is_some();
         Ok(Self { print: !asked, ..outputs })
     }
 
@@ -276,6 +288,10 @@ impl Outputs {
             self.picture.tracks(&tracks);
             pictures.write(number, frame.time_us, &self.picture)?;
         }
+        #[cfg(feature = "mcap")]
+        if let Some(mcap) = &mut self.mcap {
+            mcap.take(number, frame, found, &tracks)?;
+        }
         if let Some(digest) = &mut self.digest {
             digest.update(&found.list);
         }
@@ -299,10 +315,14 @@ impl Outputs {
     /// Completes the files also after an error; returns the first error.
     fn finish(self, ended: Result<Ended, Error>) -> Result<Ended, Error> {
         let completed = self.pictures.map_or(Ok(()), Pictures::finish);
+        #[cfg(feature = "mcap")]
+        let written = self.mcap.map_or(Ok(()), mcap::Mcap::finish);
         let logged = self.telemetry.finish();
         let ended = ended?;
         logged?;
         completed?;
+        #[cfg(feature = "mcap")]
+        written?;
         let Self { frames, found, dropped, .. } = self;
         if let Some(digest) = self.digest.filter(|_| ended == Ended::Complete) {
             print_line(&format!("{:016x}", digest.value()))?;

@@ -1,7 +1,11 @@
 //! Where frames come from.
 
+#[cfg(feature = "mcap")]
+mod cdr;
 mod folder;
 pub mod interlaced;
+#[cfg(feature = "mcap")]
+mod mcap;
 pub mod process;
 pub mod stream;
 mod times;
@@ -76,7 +80,7 @@ impl FrameSource for Box<dyn FrameSource> {
 }
 
 /// Opens what the user names: `-` (y4m on standard input), a `.y4m` file, a folder of pictures, a
-/// clip's folder (its `frames/` or its video), or any video that `ffmpeg` reads.
+/// clip's folder (its `frames/` or its video), an MCAP file (feature `mcap`), or any video that `ffmpeg` reads.
 ///
 /// # Errors
 /// [`SourceError`] when it is missing, empty or not of these forms.
@@ -92,6 +96,14 @@ pub fn open_at(path: &Path, rate: Option<u32>) -> Result<Box<dyn FrameSource>, S
     if path == Path::new("-") {
         let reader = BufReader::new(io::stdin());
         return Ok(Box::new(Y4m::new(reader, "standard input")?));
+    }
+    #[cfg(feature = "mcap")]
+    if let Some((file, topic)) = mcap::parts(path) {
+        return Ok(Box::new(mcap::Mcap::open(&file, topic)?));
+    }
+    #[cfg(not(feature = "mcap"))]
+    if has_extension(path, &["mcap"]) {
+        return Err(SourceError::McapMissing { path: path.into() });
     }
     // An address has a scheme, and no name of a file need be text.
     if !path.to_str().is_some_and(|text| text.contains("://")) {
@@ -253,6 +265,22 @@ pub enum SourceError {
         frame: u64,
         /// The system's reason.
         source: io::Error,
+    },
+    /// Messages of an MCAP file that are no pictures.
+    #[error("{}: frame {frame}: {reason}", path.display())]
+    Mcap {
+        /// The file.
+        path: PathBuf,
+        /// Which frame, from 1.
+        frame: u64,
+        /// What is wrong.
+        reason: String,
+    },
+    /// An MCAP file that this program was not built to read.
+    #[error("{}: this program was built without MCAP; build it with `--features mcap`, or install the Python wheel, which has it", path.display())]
+    McapMissing {
+        /// The file.
+        path: PathBuf,
     },
     /// `ffmpeg` cannot be started.
     #[error("{}: videos are read with ffmpeg, which cannot be started: {source}; install it (Debian, Ubuntu: apt install ffmpeg; macOS: brew install ffmpeg) or give a folder of pictures or a .y4m file", path.display())]

@@ -1,6 +1,9 @@
 //! Files that are whole at any time.
 
+use std::collections::hash_map::RandomState;
+use std::format;
 use std::fs::{self, File};
+use std::hash::BuildHasher;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -9,8 +12,27 @@ use std::path::Path;
 /// # Errors
 /// The system's.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    by(path, ".new", bytes)
+}
+
+/// The same where other processes, on other machines too, may write the file at the same time: one of theirs or ours is
+/// there at the end, whole.
+///
+/// # Errors
+/// The system's.
+pub fn write_beside_others(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    by(path, &format!(".{:016x}.new", unique()), bytes)
+}
+
+/// A number that no other process has.
+pub fn unique() -> u64 {
+    // The keys of a hash map are the system's random numbers.
+    RandomState::new().hash_one((std::process::id(), super::clock::unix_us()))
+}
+
+fn by(path: &Path, ending: &str, bytes: &[u8]) -> io::Result<()> {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".new");
+    name.push(ending);
     let new = path.with_file_name(name);
     let mut file = File::create(&new)?;
     file.write_all(bytes)?;

@@ -55,7 +55,8 @@ pub struct TrainArgs {
     #[arg(required_unless_present = "empty", value_name = "DATA")]
     pub data: Vec<PathBuf>,
     /// Footage of the user's own camera with nothing in the air: a video, or a folder of videos or of clips. All of it
-    /// is background; objects cut out of DATA are pasted into a copy of it
+    /// is background; objects cut out of DATA are pasted into a copy of it. Beside DATA or rendered flights: alone it shows
+    /// nothing that must be found
     #[arg(long, value_name = "DIR", num_args = 1..)]
     pub empty: Vec<PathBuf>,
     /// Model file to write; a partial one beside it lets an interrupted run go on

@@ -59,7 +59,8 @@ pub fn measure(
     if all.is_empty() {
         return Ok(Some(Vec::new()));
     }
-    let Some(counted) = on_clips::<_, Error>(&all, 0, &|_, clip| count(clip, args.frame, model))?
+    let Some(counted) =
+        on_clips::<_, Error, _>(&all, 0, &|_, clip| count(clip, args.frame, model))?
     else {
         return Ok(None);
     };

@@ -33,6 +33,15 @@ pub enum TrainError {
         /// Boxes of its ground truth.
         boxes: usize,
     },
+    /// Nothing but footage without targets.
+    #[error(
+        "--empty alone shows nothing that must be found{}; name clips with targets as DATA too, or add rendered flights (--render N --backgrounds DIR)",
+        if *adapts { ", and a model adapted to it would forget its targets" } else { "" }
+    )]
+    OnlyEmpty {
+        /// Whether a model is adapted.
+        adapts: bool,
+    },
     /// A clip that became shorter during a training.
     #[error(
         "{input}: frame {frame} is not there any more; leave the clips as they are until the training ends"

@@ -58,6 +58,9 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
     if let Some(model) = &args.calibrate {
         return recalibrate(args, model);
     }
+    if args.data.is_empty() && args.rendered.render == 0 {
+        return Err(TrainError::OnlyEmpty { adapts: args.from.is_some() }.into());
+    }
     let (args, remark) = args.fitted()?;
     let recipe = args.recipe()?;
     let settings = serde_json::to_string(&args).unwrap_or_default();

@@ -133,7 +133,7 @@ pub fn cut(clips: &[Clip], jobs: usize, strips: Vec<Strip>) -> Result<Option<Vec
         cut_clip(clip, &mut mine)?;
         Ok(mine)
     };
-    let Some(cut) = on_clips::<_, Error>(&sources, jobs, &work)? else { return Ok(None) };
+    let Some(cut) = on_clips::<_, Error, _>(&sources, jobs, &work)? else { return Ok(None) };
     let mut cut = cut.concat();
     cut.sort_by_key(|(place, _)| *place);
     Ok(Some(cut.into_iter().map(|c| c.1).filter(|strip| !strip.png.is_empty()).collect()))

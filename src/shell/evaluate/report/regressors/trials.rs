@@ -88,7 +88,7 @@ pub fn run(
         trials.iter_mut().for_each(|trial| trial.clip = index);
         Ok(trials)
     };
-    Ok(on_clips::<_, Error>(clips, jobs, &work)?.map(|trials| trials.concat()))
+    Ok(on_clips::<_, Error, _>(clips, jobs, &work)?.map(|trials| trials.concat()))
 }
 
 /// The target in the frames of all slices, newest first; none unless it is wholly seen in each of them.
