@@ -6,7 +6,7 @@ use lookout::shell::error::Error;
 use lookout::shell::live::log::Log;
 use lookout::shell::sources::process as children;
 use lookout::shell::support::interrupt::{self, Ended};
-use lookout::shell::{bench, doctor, evaluate, import, live, params, replay, train};
+use lookout::shell::{bench, doctor, evaluate, import, live, mask, params, replay, train};
 use std::io::{IsTerminal, Write};
 use std::process::{self, ExitCode};
 use std::thread;
@@ -107,6 +107,7 @@ fn dispatch(verb: &Verb) -> Result<Ended, Error> {
         Verb::Import(args) => Ok(import::run(args)?),
         Verb::Bench(args) => bench::run(args),
         Verb::Doctor(args) => doctor::run(args),
+        Verb::Mask(args) => mask::run(args),
         Verb::Params(args) => params::run(args),
         Verb::Train(args) => train::run(args),
     }

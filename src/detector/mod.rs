@@ -6,6 +6,7 @@
 pub mod classifier;
 pub mod detection;
 pub mod digest;
+pub mod mask;
 pub mod temporal_score;
 
 use crate::channels::front_end::FrontEnd;
@@ -26,6 +27,7 @@ pub use crate::channels::history::History;
 pub use crate::channels::window::SLICES;
 pub use crate::scan::MAX_CANDIDATES;
 pub use detection::{Detection, Shift};
+pub use mask::Mask;
 
 /// Most detections of one frame.
 pub const MAX_DETECTIONS: usize = 64;
@@ -232,6 +234,7 @@ pub struct Detector<'m, 'b> {
     config: Config,
     front: FrontEnd,
     persistence: Persistence<MAX_DETECTIONS>,
+    mask: Option<Mask<'m>>,
     /// Time of the last frame.
     last_us: Option<i64>,
     buffers: Buffers<'b>,
@@ -259,9 +262,16 @@ impl<'m, 'b> Detector<'m, 'b> {
             config,
             front: config.front(),
             persistence: Persistence::new(),
+            mask: None,
             last_us: None,
             buffers,
         })
+    }
+
+    /// Reports nothing where `picture`, laid over the whole frame, is 0: the own craft's parts, or text in the picture. An
+    /// empty picture hides nothing.
+    pub const fn set_mask(&mut self, picture: Image<'m>) {
+        self.mask = Some(Mask::new(picture, (self.config.width, self.config.height)));
     }
 
     /// Finds objects in one frame taken at `time_us` (microseconds of any epoch) and writes them to `detections`, which is
@@ -308,8 +318,12 @@ impl<'m, 'b> Detector<'m, 'b> {
         let (pyramid, scratch) = front.pyramid(frame, buffers.bytes);
         observer(Stage::Channels);
         let scratch = Scratch { bytes: scratch, words: buffers.words };
-        let (candidates, Counts { windows, kept, dropped }) =
+        let (mut candidates, Counts { windows, kept, dropped }) =
             scan::search(model.scan(), &pyramid, config.candidates, config.parallel, scratch);
+        if let Some(mask) = &self.mask {
+            let level = |c: &Candidate| &pyramid.levels()[usize::from(c.level)];
+            candidates.retain(|c| !mask.hides(&level(c).nominal_box(window(c))));
+        }
         observer(Stage::Scan);
         detections.list.clear();
         detections.proposals.clear();
@@ -318,7 +332,7 @@ impl<'m, 'b> Detector<'m, 'b> {
         (detections.registered, detections.motion) = (front.registered(), front.motion());
         let Config { method, trace, fit, .. } = *config;
         let classifier = CubeClassifier { model, method, trace, fit, front, pyramid };
-        decide(config, &classifier, &candidates, persistence, detections, observer);
+        decide(config, &classifier, (&candidates, self.mask), persistence, detections, observer);
         observer(Stage::Boxes);
         Ok(())
     }
@@ -335,7 +349,7 @@ impl<'m, 'b> Detector<'m, 'b> {
 fn decide(
     config: &Config,
     classifier: &CubeClassifier<'_>,
-    candidates: &[Candidate],
+    (candidates, mask): (&[Candidate], Option<Mask<'_>>),
     persistence: &mut Persistence<MAX_DETECTIONS>,
     detections: &mut Detections,
     observer: &mut dyn FnMut(Stage),
@@ -378,15 +392,15 @@ fn decide(
         found[..refined].iter_mut().for_each(|scored| classifier.refine(scored, &mut cube));
     }
     if config.method.persistence {
-        for Scored { detection, .. } in &mut found {
-            let Detection { rect, score, shifts } = *detection;
-            let [Shift { x, y }, ..] = shifts;
-            let before = Rect { x: rect.x + x, y: rect.y + y, ..rect };
-            (detection.rect, detection.score) = persistence.weigh(rect, score, before);
-        }
-        persistence.remember(found.iter().map(|s| (s.detection.rect, s.detection.score)));
+        persistence.weigh(&mut found, &detections.motion);
     }
     found.retain(|scored| scored.detection.score >= config.threshold);
+    // A window that hangs over the edge may give a box beyond it; only what is in the frame was seen.
+    found.retain_mut(|Scored { detection, .. }| {
+        detection.rect = detection.rect.within(config.width, config.height);
+        let Rect { width, height, .. } = detection.rect;
+        width > 0 && height > 0 && !mask.is_some_and(|mask| mask.hides(&detection.rect))
+    });
     found.sort_unstable_by_key(Scored::rank);
     let (length, _) = suppress(&mut found);
     found.truncate(length);

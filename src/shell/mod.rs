@@ -11,6 +11,7 @@ pub mod fuzzing;
 pub mod import;
 pub mod link;
 pub mod live;
+pub mod mask;
 pub mod params;
 pub mod pictures;
 pub mod pipeline;

@@ -4,7 +4,7 @@ use super::config::Config;
 use super::source_setting::SourceSetting;
 use crate::shell::link::spec::Address;
 use crate::shell::link::{params, signing};
-use crate::shell::pipeline::ModelFile;
+use crate::shell::pipeline::{MaskFile, ModelFile};
 use crate::shell::sources::process;
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -111,6 +111,9 @@ pub fn faults(config: &Config) -> Vec<Fault> {
             opened.and_then(|()| if own_size { Ok(()) } else { fits() }),
         );
     }
+    if let Some(path) = &config.camera.mask {
+        add("camera.mask", true, MaskFile::load(path).map(drop).map_err(|e| e.to_string()));
+    }
     if does_nothing(config) {
         add("links", true, Err(NOTHING.into()));
     }
@@ -149,6 +152,7 @@ mod tests {
             event_log = "/nope/ev"
             record = "/dev/null"
             camera.calibration = "/nope/camera.yaml"
+            camera.mask = "/nope/mask.png"
         "#;
         let faults = faults_of(text);
         let keys: Vec<_> = faults.iter().map(|fault| (fault.key, fault.starts)).collect();
@@ -163,6 +167,7 @@ mod tests {
                 ("event_log", true),
                 ("record", false),
                 ("camera.calibration", false),
+                ("camera.mask", true),
             ]
         );
         for (fault, path) in faults.iter().zip([
@@ -174,6 +179,7 @@ mod tests {
             "/nope/ev",
             "/dev/null",
             "/nope/camera.yaml",
+            "/nope/mask.png",
         ]) {
             assert!(fault.text.contains(path), "{fault:?}");
         }

@@ -70,6 +70,7 @@ pub struct CameraConfig {
     pub calibration: Option<PathBuf>,
     pub field_of_view: f64,
     pub mounting: Vec<f64>,
+    pub mask: Option<PathBuf>,
     pub controls: BTreeMap<String, i64>,
 }
 
