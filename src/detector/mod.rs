@@ -6,6 +6,7 @@
 pub mod classifier;
 pub mod detection;
 pub mod digest;
+pub mod mask;
 pub mod temporal_score;
 
 use crate::channels::front_end::{self, FrontEnd};
@@ -25,6 +26,7 @@ pub use crate::channels::history::History;
 pub use crate::channels::window::SLICES;
 pub use crate::scan::MAX_CANDIDATES;
 pub use detection::{Detection, Shift};
+pub use mask::Mask;
 
 /// Most detections of one frame.
 pub const MAX_DETECTIONS: usize = 64;
@@ -324,6 +326,7 @@ pub struct Detector<'m, 'b> {
     config: Config,
     front_end: FrontEnd<'b>,
     persistence: Persistence<MAX_DETECTIONS>,
+    mask: Option<Mask<'m>>,
     /// Time of the last frame.
     last_us: Option<i64>,
     words: &'b mut [u16],
@@ -350,9 +353,16 @@ impl<'m, 'b> Detector<'m, 'b> {
             config,
             front_end,
             persistence: Persistence::new(),
+            mask: None,
             last_us: None,
             words,
         })
+    }
+
+    /// Reports nothing where `picture`, laid over the whole frame, is 0: the own craft's parts, or text in the picture. An
+    /// empty picture hides nothing.
+    pub const fn set_mask(&mut self, picture: Image<'m>) {
+        self.mask = Some(Mask::new(picture, (self.config.width, self.config.height)));
     }
 
     /// Finds objects in one frame taken at `time_us` (microseconds of any epoch) and writes them to `detections`, which is
@@ -396,8 +406,12 @@ impl<'m, 'b> Detector<'m, 'b> {
             front_end.process(frame, &mut || observer(Stage::Registration))?;
         observer(Stage::Channels);
         let (scratch, pyramid) = (Scratch { bytes: scratch, words }, &channels.pyramid);
-        let (candidates, Counts { windows, kept, dropped }) =
+        let (mut candidates, Counts { windows, kept, dropped }) =
             scan::search(model.scan(), pyramid, config.candidates, config.parallel, scratch);
+        if let Some(mask) = &self.mask {
+            let level = |c: &Candidate| pyramid.geometry().level(usize::from(c.level));
+            candidates.retain(|c| !mask.hides(&level(c).nominal_box(window(c))));
+        }
         observer(Stage::Scan);
         detections.list.clear();
         detections.proposals.clear();
@@ -406,7 +420,7 @@ impl<'m, 'b> Detector<'m, 'b> {
         (detections.registered, detections.motion) = (channels.registered(), channels.motion());
         let Config { method, trace, fit, .. } = *config;
         let classifier = CubeClassifier { model, method, trace, fit, channels };
-        decide(config, &classifier, &candidates, persistence, detections, observer);
+        decide(config, &classifier, (&candidates, self.mask), persistence, detections, observer);
         observer(Stage::Boxes);
         Ok(())
     }
@@ -423,7 +437,7 @@ impl<'m, 'b> Detector<'m, 'b> {
 fn decide(
     config: &Config,
     classifier: &CubeClassifier<'_>,
-    candidates: &[Candidate],
+    (candidates, mask): (&[Candidate], Option<Mask<'_>>),
     persistence: &mut Persistence<MAX_DETECTIONS>,
     detections: &mut Detections,
     observer: &mut dyn FnMut(Stage),
@@ -466,15 +480,15 @@ fn decide(
         found[..refined].iter_mut().for_each(|scored| classifier.refine(scored, &mut workspace));
     }
     if config.method.persistence {
-        for Scored { detection, .. } in &mut found {
-            let Detection { rect, score, shifts } = *detection;
-            let [Shift { x, y }, ..] = shifts;
-            let before = Rect { x: rect.x + x, y: rect.y + y, ..rect };
-            (detection.rect, detection.score) = persistence.weigh(rect, score, before);
-        }
-        persistence.remember(found.iter().map(|s| (s.detection.rect, s.detection.score)));
+        persistence.weigh(&mut found, &detections.motion);
     }
     found.retain(|scored| scored.detection.score >= config.threshold);
+    // A window that hangs over the edge may give a box beyond it; only what is in the frame was seen.
+    found.retain_mut(|Scored { detection, .. }| {
+        detection.rect = detection.rect.within(config.width, config.height);
+        let Rect { width, height, .. } = detection.rect;
+        width > 0 && height > 0 && !mask.is_some_and(|mask| mask.hides(&detection.rect))
+    });
     found.sort_unstable_by_key(Scored::rank);
     let (length, _) = suppress(&mut found);
     found.truncate(length);

@@ -161,6 +161,20 @@ impl Rect {
             * span(self.y, self.height, other.y, other.height)
     }
 
+    /// The part within a picture of `width` x `height` pixels; of no width or height where that is nothing.
+    pub fn within(&self, width: usize, height: usize) -> Self {
+        let clipped = |start: I28F4, length: I28F4, pixels: usize| {
+            let most = (pixels as i64) << 4;
+            let clamp = |at: i64| at.clamp(0, most) as i32;
+            let start = i64::from(start.to_bits());
+            let (first, end) = (clamp(start), clamp(start + i64::from(length.to_bits())));
+            (I28F4::from_bits(first), I28F4::from_bits((end - first).max(0)))
+        };
+        let ((x, width), (y, height)) =
+            (clipped(self.x, self.width, width), clipped(self.y, self.height, height));
+        Self { x, y, width, height }
+    }
+
     /// Whether intersection over union with `other` exceeds `threshold` (Q8: 128 is one half). Exact, without division.
     pub fn overlaps(&self, other: &Self, threshold: u8) -> bool {
         let shared = self.intersection(other);
@@ -194,6 +208,19 @@ mod tests {
         assert!(Image::new(&pixels, 8, 1, 7).is_err());
         assert!(Image::new(&[], 0, 5, 0).is_ok());
         assert!(Image::new(&pixels, usize::MAX, 2, usize::MAX).is_err());
+    }
+
+    #[test]
+    fn what_is_within_a_picture() {
+        // In sixteenths of a pixel; the picture has 100 x 80 of them.
+        let rect = |v: [i32; 4]| rect(v.map(|v| 16 * v));
+        let inside = rect([5, 6, 20, 10]);
+        assert_eq!(inside.within(100, 80), inside);
+        assert_eq!(rect([-5, 75, 20, 10]).within(100, 80), rect([0, 75, 15, 5]));
+        assert_eq!(rect([-30, 6, 20, 10]).within(100, 80).width, 0);
+        assert_eq!(rect([130, 6, 20, 10]).within(100, 80).area(), 0);
+        let huge = Rect { x: I28F4::MIN, y: I28F4::MIN, width: I28F4::MAX, height: I28F4::MAX };
+        assert_eq!(huge.within(100, 80).area(), 0);
     }
 
     proptest! {

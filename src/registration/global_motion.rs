@@ -16,7 +16,7 @@ const FIT_ROUNDS: usize = 6;
 const MIN_THRESHOLD: i64 = 256;
 
 /// Fewest corners that agree in a valid motion.
-const MIN_INLIERS: usize = 10;
+pub(crate) const MIN_INLIERS: usize = 10;
 
 /// Largest median residual of the corners in a valid motion, in pixels, Q8.
 const MAX_MEDIAN: i64 = 3 << 7;
@@ -64,6 +64,13 @@ impl Motion {
     pub(crate) fn still(width: usize, height: usize) -> Self {
         let scale = width.max(height).next_power_of_two().ilog2().saturating_sub(1);
         Self { parameters: [0; 8], centre: (width as i32, height as i32), scale, valid: false }
+    }
+
+    /// The same, not measured, with a shift of whole pixels of a picture halved `octave` times.
+    pub(crate) fn shifted(self, (x, y): (i32, i32), octave: u32) -> Self {
+        let [_, _, rest @ ..] = self.parameters;
+        let [b, c, e, f, g, h] = rest;
+        Self { parameters: [x << (16 + octave), y << (16 + octave), b, c, e, f, g, h], ..self }
     }
 
     /// A measured motion of frames of this size: eight parameters as [`Motion::parameters`] gives them, each brought to

@@ -1,11 +1,15 @@
 //! Registration: the motion of the background from frame to frame (level 2).
 //!
 //! Corners of the new frame are tracked into the last one, coarse to fine, from an eighth of the resolution to a half. On
-//! each level a global motion is fitted to them robustly and predicts the shifts on the next level.
+//! each level a global motion is fitted to them robustly and predicts the shifts on the next level. Where that fails, the
+//! picture may have moved farther than tracking reaches: it is tried once more from the shift found by block search
+//! between the smallest pictures (0.972 of the frames of `moving/train` are registered so, 0.966 without; all of
+//! `airborne/train` either way). Beginning with the perspective of a turn, or on the smallest level, registered no more.
 //!
 //! A further, local correction does not pay: on `airborne/train` even the best shift of each 32x32 block (which moves
 //! the targets too) lowers the mean difference by 5 % and the tolerant one by nothing.
 
+pub mod block_search;
 pub mod global_motion;
 pub mod lucas_kanade;
 pub mod warp;
@@ -14,7 +18,7 @@ use crate::image::Image;
 use crate::image::pyramid;
 use crate::math::threads;
 pub use global_motion::Motion;
-use global_motion::{MAX_SAMPLES, Sample, fit};
+use global_motion::{MAX_SAMPLES, MIN_INLIERS, Sample, fit};
 
 /// Levels of the pyramid: a half, a quarter, an eighth of the frame.
 pub const LEVELS: usize = 3;
@@ -174,12 +178,35 @@ pub fn measure(
     old: &[Image<'_>; LEVELS],
 ) -> Motion {
     let corners = corners(new[0], search);
-    let parallel = search == Search::Dense && threads::several();
     let still = Motion::still(width, height);
-    let mut motion = still;
     // A level of few pixels shows the windows only the middle of the picture.
     let side = |level: usize| new[level].width().min(new[level].height());
     let coarsest = (1..LEVELS).rev().find(|&level| side(level) >= MIN_SIDE).unwrap_or(0);
+    let mut motion = follow(&corners, (still, still), coarsest, search, new, old);
+    if !motion.is_valid() && corners.len() >= MIN_INLIERS {
+        let level = LEVELS - 1;
+        if let Some(shift) = block_search::shift(new[level], old[level])
+            && shift != (0, 0)
+        {
+            let start = still.shifted(shift, level as u32 + 1);
+            // On the level of the search tracking is no more exact than the search.
+            motion = follow(&corners, (still, start), coarsest.min(level - 1), search, new, old);
+        }
+    }
+    if motion.is_valid() { motion } else { Motion::IDENTITY }
+}
+
+/// Tracks `corners` from the `coarsest` level to the finest, beginning with the motion `start`.
+fn follow(
+    corners: &[(i32, i32)],
+    (still, start): (Motion, Motion),
+    coarsest: usize,
+    search: Search,
+    new: &[Image<'_>; LEVELS],
+    old: &[Image<'_>; LEVELS],
+) -> Motion {
+    let parallel = search == Search::Dense && threads::several();
+    let mut motion = start;
     for level in (0..=coarsest).rev() {
         let bits = level as u32 + 1;
         let track = |&(x, y): &(i32, i32)| {
@@ -203,7 +230,7 @@ pub fn measure(
         };
         motion = fit(still, &samples, if level == 0 { 8 } else { 6 });
     }
-    if motion.is_valid() { motion } else { Motion::IDENTITY }
+    motion
 }
 
 /// Writes the pyramid of `frame` and returns its levels, finest first.
@@ -324,6 +351,21 @@ mod tests {
                 assert!(motion.is_valid() && error(w, h, &motion, truth) < 0.15, "{motion:?}");
             }
         }
+    }
+
+    #[test]
+    fn farther_than_tracking_reaches() {
+        let (w, h) = (640, 480);
+        let older = render(w, h, texture);
+        for (dx, dy) in [(96.0, 0.0), (-70.0, 50.0), (-8.0, -88.0)] {
+            let truth = |x: f64, y: f64| (x + dx, y + dy);
+            let newer = render(w, h, |x, y| texture(x + dx, y + dy));
+            let motion = register(w, h, &older, &newer);
+            assert!(motion.is_valid() && error(w, h, &motion, truth) < 0.3, "{dx} {dy} {motion:?}");
+        }
+        // Another place altogether.
+        let newer = render(w, h, |x, y| texture(x + 5000.0, y - 3000.0));
+        assert!(!register(w, h, &older, &newer).is_valid());
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The command line: verbs and what they take.
 
-use super::{bench, doctor, evaluate, import, live, params, replay, train};
+use super::{bench, doctor, evaluate, import, live, mask, params, replay, train};
 use clap::{Parser, Subcommand};
 use std::format;
 
@@ -37,6 +37,8 @@ pub enum Verb {
     Bench(bench::BenchArgs),
     /// Check links, the autopilot's parameters and video sources
     Doctor(doctor::DoctorArgs),
+    /// Find the own craft's parts in a recorded flight, so that nothing is reported there
+    Mask(mask::MaskArgs),
     /// Read or set the parameters (LK_..) of a running lookout over a link
     Params(params::ParamsArgs),
     /// Train a model on folders of clips with ground truth

@@ -29,6 +29,7 @@ pub mod fuzzing;
 pub mod import;
 pub mod link;
 pub mod live;
+pub mod mask;
 pub mod params;
 #[allow(
     clippy::cast_possible_truncation,

@@ -5,7 +5,7 @@ use super::error::Error;
 use super::live::log::Log;
 use super::sources::process as children;
 use super::support::interrupt::{self, Ended};
-use super::{bench, doctor, evaluate, import, live, params, replay, train};
+use super::{bench, doctor, evaluate, import, live, mask, params, replay, train};
 use clap::Parser;
 use std::boxed::Box;
 use std::ffi::OsString;
@@ -111,6 +111,7 @@ fn dispatch(verb: &Verb) -> Result<Ended, Error> {
         Verb::Import(args) => Ok(import::run(args)?),
         Verb::Bench(args) => bench::run(args),
         Verb::Doctor(args) => doctor::run(args),
+        Verb::Mask(args) => mask::run(args),
         Verb::Params(args) => params::run(args),
         Verb::Train(args) => train::run(args),
     }

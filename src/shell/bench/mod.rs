@@ -5,7 +5,7 @@ mod machine;
 
 use super::error::Error;
 use super::pipeline::scaled::Scaling;
-use super::pipeline::{self, DetectorArgs, Memory, ModelFile};
+use super::pipeline::{self, DetectorArgs, MaskFile, Memory, ModelFile};
 use super::replay::flight::FlightArgs;
 use super::sources::Frame;
 use super::support::interrupt::Ended;
@@ -97,6 +97,8 @@ fn measure(args: &BenchArgs, model: &Model<'_>) -> Result<Figures, Error> {
         return Err(PipelineError::NoFrames { input }.into());
     };
     let config = args.detector.config(model, *width, *height)?;
+    let mask = args.detector.mask.as_deref().map(MaskFile::load).transpose()?;
+    let mask = mask.as_ref().map(|mask| mask.for_frames(*width, *height)).transpose()?;
     let mut memory = Memory::new(&config);
     let mut clock = Clock::default();
     for pass in 0..args.passes {
@@ -105,6 +107,9 @@ fn measure(args: &BenchArgs, model: &Model<'_>) -> Result<Figures, Error> {
             move |source| PipelineError::Detector { input, frame, source }
         };
         let mut detector = memory.detector(model, config).map_err(refused(1))?;
+        if let Some(mask) = mask {
+            detector.set_mask(mask);
+        }
         for (index, frame) in frames.iter().enumerate() {
             // While the st-cube fills there is less to do: not typical.
             let counts = index >= SLICES || frames.len() <= SLICES;

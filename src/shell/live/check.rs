@@ -5,7 +5,7 @@ use super::source_setting::SourceSetting;
 use crate::shell::formats::camera_file;
 use crate::shell::link::spec::Address;
 use crate::shell::link::{params, signing};
-use crate::shell::pipeline::ModelFile;
+use crate::shell::pipeline::{MaskFile, ModelFile};
 use crate::shell::sources::process;
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -119,6 +119,9 @@ pub fn faults(config: &Config) -> Vec<Fault> {
         let read = || camera_file::read(path).map(drop).map_err(|e| e.to_string());
         add("camera.calibration", false, if own_size { read() } else { fits() });
     }
+    if let Some(path) = &config.camera.mask {
+        add("camera.mask", true, MaskFile::load(path).map(drop).map_err(|e| e.to_string()));
+    }
     if does_nothing(config) {
         add("links", true, Err(NOTHING.into()));
     }
@@ -176,6 +179,7 @@ mod tests {
             event_log = "/dev/null/ev"
             record = "/dev/null"
             camera.calibration = "/nope/camera.yaml"
+            camera.mask = "/nope/mask.png"
         "#;
         let faults = faults_of(text);
         let keys: Vec<_> = faults.iter().map(|fault| (fault.key, fault.starts)).collect();
@@ -191,6 +195,7 @@ mod tests {
                 ("event_log", true),
                 ("record", true),
                 ("camera.calibration", false),
+                ("camera.mask", true),
             ]
         );
         for (fault, path) in faults.iter().zip([
@@ -203,6 +208,7 @@ mod tests {
             "/dev/null/ev: /dev/null is a file",
             "/dev/null: is no folder",
             "/nope/camera.yaml",
+            "/nope/mask.png",
         ]) {
             assert!(fault.text.contains(path), "{fault:?}");
         }

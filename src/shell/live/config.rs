@@ -72,6 +72,7 @@ pub struct CameraConfig {
     pub field_of_view: f64,
     pub mounting: Vec<f64>,
     pub gimbal: bool,
+    pub mask: Option<PathBuf>,
     pub controls: BTreeMap<String, i64>,
 }
 

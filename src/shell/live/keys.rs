@@ -283,6 +283,14 @@ pub const KEYS: &[Key] = &[
         about: "The camera's calibration at this size.",
     },
     Key {
+        name: "camera.mask",
+        kind: Kind::Text(any),
+        unit: "file: PNG, PGM or JPEG with the frames' aspect ratio",
+        default: "",
+        reload: false,
+        about: "Nothing is reported where this picture is black: own legs and propellers, text burnt into the picture. `lookout mask` makes one of a recorded flight.",
+    },
+    Key {
         name: "camera.field_of_view",
         kind: Kind::Number(10.0, 170.0),
         unit: "degrees",

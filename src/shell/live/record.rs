@@ -176,6 +176,9 @@ fn command(config: &Config, least_score: i32) -> String {
             config.camera.mounting.iter().map(|angle| format!("{angle}")).collect();
         command += &format!(" --mounting={}", angles.join(","));
     }
+    if let Some(path) = &config.camera.mask {
+        command += &format!(" --mask '{}'", absolute(path).display());
+    }
     if let Some(path) = &config.model {
         command += &format!(" --model '{}'", absolute(path).display());
     }

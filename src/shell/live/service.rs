@@ -138,7 +138,8 @@ pub fn run(
         let looking = || {
             // Detections below this score are used by no track.
             let threshold = Some(tracks.keep_score);
-            let args = DetectorArgs { threshold, ..DetectorArgs::default() };
+            let mask = config.camera.mask.clone();
+            let args = DetectorArgs { threshold, mask, ..DetectorArgs::default() };
             let look =
                 || worker::run(&model, &args, &capture.mailbox, &worker_pulse, &sender, &stop);
             let ended = pipeline::on_threads(config.threads, look)

@@ -7,7 +7,7 @@ use crate::mavlink::messages::Blind;
 use crate::model::Model;
 use crate::shell::error::Error;
 use crate::shell::pipeline::PipelineError;
-use crate::shell::pipeline::{DetectorArgs, Memory};
+use crate::shell::pipeline::{DetectorArgs, MaskFile, Memory};
 use crate::shell::sources::Frame;
 use crate::shell::support::clock::now_us;
 use crossbeam_channel::Sender;
@@ -34,6 +34,11 @@ pub struct Seen {
     pub ended_us: [i64; Stage::ALL.len()],
 }
 
+/// The result, or a line in the log.
+fn heard<T>(result: Result<T, PipelineError>) -> Option<T> {
+    result.inspect_err(|error| tracing::warn!("{error}; watching without it")).ok()
+}
+
 /// Runs the detector on frames until `stop`. A frame of another size than the one before gets a new detector.
 ///
 /// # Errors
@@ -49,6 +54,8 @@ pub fn run(
     let mut sight = Sight::default();
     let mut next: Option<Arc<Frame>> = None;
     let mut number = 0;
+    // A mask is not needed to watch: without it there are more false alarms.
+    let mask = args.mask.as_deref().and_then(|path| heard(MaskFile::load(path)));
     let take = || {
         pulse.fetch_add(1, Ordering::Relaxed);
         mailbox.take(SLICE)
@@ -65,6 +72,9 @@ pub fn run(
             source,
         };
         let mut detector = memory.detector(model, config).map_err(refused)?;
+        if let Some(mask) = mask.as_ref().and_then(|m| heard(m.for_frames(size.0, size.1))) {
+            detector.set_mask(mask);
+        }
         loop {
             number += 1;
             let begun_us = now_us();

@@ -69,6 +69,14 @@ pub enum PipelineError {
         /// Its reason.
         source: detector::Error,
     },
+    /// A picture that is no mask for the frames.
+    #[error("{}: {reason}; make a mask with `lookout mask VIDEO --out FILE`", path.display())]
+    Mask {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// Threads cannot be started.
     #[error("cannot start {threads} threads: {reason}; try a smaller --threads")]
     Threads {

@@ -2,11 +2,13 @@
 
 pub mod difference;
 mod error;
+mod mask_file;
 pub mod methods;
 mod on_clips;
 pub mod scaled;
 
 pub use error::PipelineError;
+pub use mask_file::MaskFile;
 pub use on_clips::on_clips;
 
 use super::formats::detections::SCORE_BITS;
@@ -74,6 +76,9 @@ pub struct DetectorArgs {
     /// Scale frames to this size before detection; results are in pixels of the unscaled frames
     #[arg(long, value_name = "WxH")]
     pub frame: Option<FrameSize>,
+    /// Mask of the own craft: a picture with the frames' aspect ratio, black where nothing is reported (`lookout mask` makes one)
+    #[arg(long, value_name = "FILE")]
+    pub mask: Option<PathBuf>,
     /// Parts of the method to leave out.
     #[command(flatten)]
     pub ablation: Ablation,
@@ -268,10 +273,14 @@ pub fn run<E: From<PipelineError>>(
     let scaling = Scaling::new(args.frame, first.width, first.height);
     let (width, height) = scaling.seen();
     let config = args.config(model, width, height)?;
+    let mask = args.mask.as_deref().map(MaskFile::load).transpose()?;
     let mut memory = Memory::new(&config);
     tracing::debug!(input, ?config, bytes = memory.len_bytes(), "detector");
     let refused = |source| PipelineError::Detector { input: input.into(), frame: 1, source };
     let mut detector = memory.detector(model, config).map_err(refused)?;
+    if let Some(mask) = &mask {
+        detector.set_mask(mask.for_frames(width, height)?);
+    }
     let mut seen = Frame::default();
     let mut process = |frame: &Frame| {
         let mut found = Detections::default();

@@ -31,6 +31,9 @@ pub struct RenderArgs {
     /// Flights to render and learn from in addition to DATA; needs --backgrounds. They stay in OUT.flights
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub render: usize,
+    /// Frames of each rendered flight, at 30 a second: more flights of fewer frames show more scenes and objects
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u64).range(20..=3000))]
+    pub render_frames: u64,
     /// Folder of photographs and panoramas for backgrounds; every folder in it is one scene
     #[arg(long, value_name = "DIR")]
     pub backgrounds: Option<PathBuf>,
@@ -53,10 +56,11 @@ pub fn render(args: &TrainArgs, report: &Report) -> Result<(), Error> {
     // Real video compression instead of the renderer's own.
     let mut settings = Settings::default();
     settings.sensor.quantiser = [1.0, 1.0];
+    settings.frames = rendered.render_frames;
     fs::create_dir_all(folder).map_err(Error::write(folder))?;
     let of = serde_json::json!({
         "seed": seed, "hold_back": hold_back, "cut out of": data, "backgrounds": backgrounds,
-        "shapes": rendered.shapes, "settings": settings,
+        "shapes": rendered.shapes, "frames": settings.frames, "settings": settings,
     });
     same_settings(folder, &format!("{of}\n"))?;
     let missing: Vec<usize> =
