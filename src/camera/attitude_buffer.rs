@@ -188,7 +188,7 @@ impl Attitudes {
     pub fn interval_us(&self) -> Option<i64> {
         let last = self.kept.get(self.kept.len().saturating_sub(COUNTED)..)?;
         let (first, newest) = (last.first()?.0, last.last()?.0);
-        newest.saturating_sub(first).checked_div(last.len() as i64 - 1)
+        newest.saturating_sub(first).checked_div(i64::try_from(last.len()).ok()? - 1)
     }
 
     /// The nearest attitude within 0.06 s of `time_us` and its age there (negative where it is later), where no other one is

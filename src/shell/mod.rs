@@ -29,6 +29,12 @@ pub mod fuzzing;
 pub mod import;
 pub mod link;
 pub mod live;
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "places and shares of pixels"
+)]
 pub mod mask;
 pub mod params;
 #[allow(
