@@ -1,5 +1,5 @@
 //! Gradient energies of many cells at once, for processors with vector instructions; the values are those of
-//! [`CellPixels`](super::gradient::CellPixels).
+//! [`CellPixels`].
 //!
 //! Pixels come as words of two neighbours, of which a cell has two in each row: {left of the cell, first} and {second,
 //! right of the cell}. One value of every cell lies side by side, so that the loops below become vector instructions.
@@ -152,7 +152,7 @@ fn words(row: &[u8], first: usize, cells: usize) -> [u16; BLOCK + 1] {
 
 impl CellRow<'_> {
     /// Planes of the first `columns` cells, one after the other: the energies as
-    /// [`CellPixels::energies`](super::gradient::CellPixels::energies) gives them, the orientations as they were unless
+    /// [`CellPixels::energies`] gives them, the orientations as they were unless
     /// `oriented`, then the mean grey level. Panics if there are fewer cells, or fewer bytes than [`PLANES`] times `columns`.
     pub fn fill(&self, columns: usize, oriented: bool, planes: &mut [u8]) {
         if !cfg!(feature = "simd") {

@@ -1,4 +1,6 @@
 //! One row of a map, from the cells of the row and sums over the squares around them.
+//!
+//! Plane by plane, on a microcontroller as well: cell by cell through all planes takes it three times the instructions.
 
 use crate::channels::window::PADDING;
 use crate::channels::{DIFFERENCES, GREY, MAGNITUDE};
