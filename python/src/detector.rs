@@ -165,6 +165,9 @@ impl Detector {
         size: (usize, usize),
         time_us: Option<i64>,
     ) -> PyResult<Vec<Detection>> {
+        if pixels.is_empty() {
+            return Err(PyValueError::new_err("a frame without pixels"));
+        }
         let value = |error: &dyn std::fmt::Display| PyValueError::new_err(error.to_string());
         let frame = Image::packed(pixels, size.0, size.1).map_err(|e| value(&e))?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);

@@ -138,8 +138,8 @@ def test_what_is_refused():
     for wrong in [None, [[1]], numpy.zeros((4, 4, 3), numpy.uint8), numpy.zeros((4, 4)), numpy.zeros(4, numpy.uint8)]:
         with pytest.raises(TypeError, match="grey frame"):
             detector.process(wrong)
-    with pytest.raises(ValueError):
-        detector.process(numpy.zeros((0, 0), numpy.uint8))
+    with pytest.raises(ValueError, match="without pixels"):
+        detector.process(numpy.zeros((0, 9), numpy.uint8))
     for wrong in [{"min_precision": 0.0}, {"min_precision": 1.5}, {"threshold": float("nan")}]:
         with pytest.raises(ValueError, match="threshold is a finite score"):
             Detector(**wrong)
