@@ -165,7 +165,9 @@ fn angular_velocities_carry_rare_attitudes_and_what_is_lost_is_said() {
         flown(Link { attitude_us: 1_000_000 / rate, gyroscope, ground: false })
     };
     for rate in [10, 4, 3, 2] {
-        let (rare, _) = sky(rate, true);
+        let (rare, onboard) = sky(rate, true);
+        let counts = onboard.placing().counts();
+        assert!(counts.placed * 10 >= counts.all() * 9, "{rate} attitudes a second: {counts:?}");
         assert!(
             rare * 10 >= often * 8,
             "{rare} reports at {rate} attitudes a second with HIGHRES_IMU, {often} with all"
@@ -176,5 +178,7 @@ fn angular_velocities_carry_rare_attitudes_and_what_is_lost_is_said() {
     let words = unplaced(&onboard).unwrap_or_default();
     assert!(words.contains("attitudes came too rarely"), "{rare} of {often} reports: {words}");
     assert!(words.contains("; 2.0 attitudes a second"), "{words}");
+    let counts = onboard.placing().counts();
+    assert!(counts.placed * 2 < counts.all(), "{counts:?}");
     println!("{often} reports with all attitudes, {rare} with 2 a second alone; {words}");
 }
