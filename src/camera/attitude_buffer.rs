@@ -113,7 +113,7 @@ impl Attitudes {
         {
             return Some(*attitude);
         }
-        let before = place.checked_sub(1).map(|i| self.kept[i]);
+        let before = place.checked_sub(1).and_then(|i| self.kept.get(i)).copied();
         let after = self.kept.get(place).copied();
         if let (Some(before), Some(after)) = (before, after)
             && after.0.saturating_sub(before.0) <= GAP
@@ -141,7 +141,7 @@ impl Attitudes {
             return None;
         }
         let time_us = newest.0 + beyond.min(BEYOND);
-        match place.checked_sub(2).map(|i| self.kept[i]) {
+        match place.checked_sub(2).and_then(|i| self.kept.get(i)).copied() {
             Some(earlier) if newest.0.saturating_sub(earlier.0) <= GAP => {
                 Some(between(earlier, newest, time_us))
             }

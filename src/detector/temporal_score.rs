@@ -95,7 +95,9 @@ impl<const N: usize> Persistence<N> {
             let same = same.filter(|(_, last)| last.rect.overlaps(&before, OVERLAP));
             let seen = match same.max_by_key(|(_, last)| last.score) {
                 Some((place, last)) => {
-                    again[place] = true;
+                    if let Some(again) = again.get_mut(place) {
+                        *again = true;
+                    }
                     detection.rect = half_way(rect, last.rect);
                     last.looked(score)
                 }
@@ -106,14 +108,11 @@ impl<const N: usize> Persistence<N> {
                 *looks = seen.looks;
             }
         }
-        let mut place = 0;
-        self.last.retain(|last| {
-            place += 1;
-            !again[place - 1] && last.missed < MISSES
-        });
+        let mut again = again.iter();
+        self.last.retain(|last| again.next() != Some(&true) && last.missed < MISSES);
         self.last.truncate(N.saturating_sub(found.len()));
         self.last.iter_mut().for_each(|last| *last = last.missed(motion));
-        let new = found.iter().zip(looks).map(|(Scored { detection, .. }, looks)| Seen {
+        let new = found.iter().zip(&looks).map(|(Scored { detection, .. }, &looks)| Seen {
             rect: detection.rect,
             score: detection.score,
             looks,

@@ -56,8 +56,8 @@ fn difference(new: Image<'_>, old: Image<'_>, (x, y): (i32, i32), brighter: i32)
     let (top, old_top, height) = overlap(new.height().min(old.height()), y);
     let (mut sum, mut count) = (0i64, 0i64);
     for row in (0..height).step_by(STEP) {
-        let own = &new.row(top + row)[left..left + width];
-        let other = &old.row(old_top + row)[old_left..old_left + width];
+        let own = new.row(top + row).get(left..left + width).unwrap_or(&[]);
+        let other = old.row(old_top + row).get(old_left..old_left + width).unwrap_or(&[]);
         let mut row_sum = 0i32;
         for (&own, &other) in own.iter().step_by(STEP).zip(other.iter().step_by(STEP)) {
             row_sum += (i32::from(other) - i32::from(own) - brighter).abs();

@@ -1,7 +1,7 @@
 //! `lookout mask`: finds the own craft's parts, and text burnt into the picture, in a recorded flight.
 //!
 //! In: any source of frames in which the camera moves. Out: a picture for `camera.mask`: black where something stands still
-//! against the frame while the background moves ([`still::Still`]).
+//! against the frame while the background moves (`still.rs`).
 
 mod still;
 

@@ -71,7 +71,8 @@ impl Mcap {
         Ok(Self { path: path.into(), writer, channels, sequence: 0, levels: BTreeMap::new() })
     }
 
-    /// Writes a frame and all that is known of it.
+    /// Writes a frame and all that is known of it; `pointed`: whether directions from the vehicle are known. Without it tracks
+    /// have no bearings.
     ///
     /// # Errors
     /// [`FileError::Write`].
@@ -80,7 +81,7 @@ impl Mcap {
         number: u64,
         frame: &Frame,
         found: &Detections,
-        tracks: &[Traffic],
+        (tracks, pointed): (&[Traffic], bool),
     ) -> Result<(), Error> {
         let time_us = frame.time_us.max(0);
         let stamp = json!({"sec": time_us / 1_000_000, "nsec": time_us % 1_000_000 * 1000});
@@ -91,7 +92,7 @@ impl Mcap {
         self.write(BOXES, time_us, &annotations(&stamp, found, tracks))?;
         let line = detections::json_line(number, frame.time_us, found, Some(tracks));
         self.write_text(FRAME, time_us, line.trim_end())?;
-        let confirmed = tracks.iter().filter(|track| track.confirmed);
+        let confirmed = tracks.iter().filter(|track| pointed && track.confirmed);
         let bearings: Vec<Value> = confirmed
             .map(|track| {
                 let degrees = |v: crate::math::real::Real| v.to_num::<f64>().to_degrees();
@@ -113,7 +114,7 @@ impl Mcap {
                     Level::Caution => 3,
                     _ => 2,
                 };
-                let message = traffic::in_words(track);
+                let message = traffic::in_words(track, pointed);
                 let log = json!({
                     "timestamp": stamp, "level": level, "message": message, "name": "lookout", "file": "", "line": 0,
                 });
@@ -162,7 +163,8 @@ fn png(frame: &Frame) -> Vec<u8> {
     let mut bytes = Vec::new();
     let encoder =
         PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
-    let (width, height) = (frame.width as u32, frame.height as u32);
+    // No frame has so many pixels.
+    let [width, height] = [frame.width, frame.height].map(|s| u32::try_from(s).unwrap_or(u32::MAX));
     encoder
         .write_image(&frame.pixels, width, height, ExtendedColorType::L8)
         .expect("a frame's pixels always fill its size");

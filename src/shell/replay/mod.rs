@@ -290,7 +290,7 @@ impl Outputs {
         }
         #[cfg(feature = "mcap")]
         if let Some(mcap) = &mut self.mcap {
-            mcap.take(number, frame, found, &tracks)?;
+            mcap.take(number, frame, found, (&tracks, onboard.is_pointed()))?;
         }
         if let Some(digest) = &mut self.digest {
             digest.update(&found.list);

@@ -52,7 +52,7 @@ impl<'a> Cdr<'a> {
 
     /// The time of a `std_msgs/Header`, nanoseconds; the frame's name is passed over.
     pub fn header(&mut self) -> Option<i64> {
-        let (seconds, nanoseconds) = (self.word()? as i32, self.word()?);
+        let (seconds, nanoseconds) = (self.word()?.cast_signed(), self.word()?);
         self.text()?;
         Some(i64::from(seconds) * 1_000_000_000 + i64::from(nanoseconds))
     }
