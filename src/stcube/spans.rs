@@ -26,7 +26,8 @@ static TABLES: [u8; 64] = {
         i += 1;
     }
     i = 0;
-    while i < SUMMED {
+    // Not `<`: on small boards none is summed up, and nothing is less than 0.
+    while i != SUMMED {
         let (first, last) = ENDS[i];
         tables[first << 3 | (last + 1)] = (SLICES + i) as u8;
         i += 1;
