@@ -9,7 +9,8 @@
 //! Chosen on flights held back from training (24 rendered, 8 of `airborne/train`): AveP at IoU 0.3 and recall at 10 false
 //! alarms in 1000 frames are 0.402, 0.083 for each frame by itself, 0.445, 0.092 for the mean with the frame before that
 //! was used until 2026-11-30, 0.481, 0.134 for means over 20 frames, 0.483, 0.134 over 32, and 0.490, 0.123 over 32 with
-//! up to 8 misses (these with weights that fade; of windows with an end see [`LOOKS`]). Sums of log-odds instead of means found less.
+//! up to 8 misses (these with weights that fade;
+//! here a mean has an end). Sums of log-odds instead of means found less.
 
 use crate::detector::classifier::Scored;
 use crate::detector::detection::{Detection, Shift};
