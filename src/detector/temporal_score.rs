@@ -26,7 +26,7 @@ const PRIOR: i32 = -3 << 16;
 
 /// Looks that a mean is taken over at most, the last ones. Older ones have no influence at all, so that a replay that
 /// begins some frames earlier finds the same.
-const LOOKS: usize = 32;
+const LOOKS: usize = 16;
 
 /// Frames in a row without a detection after which an object is forgotten.
 const MISSES: u8 = 8;
@@ -195,8 +195,8 @@ mod tests {
         for look in 2..80 {
             let score = f64::from(look % 7);
             looks.push(score);
-            // Of 32 looks, the prior among them, the prior is left out.
-            let last = &looks[looks.len().saturating_sub(32)..];
+            // Of 16 looks, the prior among them, the prior is left out.
+            let last = &looks[looks.len().saturating_sub(16)..];
             let mean = last.iter().sum::<f64>() / last.len() as f64;
             let found = weigh(&mut seen, &[scored(square(0, 20), (score * 65536.0) as i32, 0)]);
             assert!((f64::from(found[0].1) / 65536.0 - mean).abs() < 1e-3, "{look}");
@@ -205,7 +205,7 @@ mod tests {
 
     #[test]
     fn the_missed_are_kept_for_a_while_and_move_with_the_background() {
-        for (misses, found_again) in [(3, true), (8, true), (9, false)] {
+        for (misses, found_again) in [(3, true), (6, true), (9, false)] {
             let mut seen = Persistence::<4>::new();
             for _ in 0..20 {
                 weigh(&mut seen, &[scored(square(0, 20), 4 * ONE, 0)]);
