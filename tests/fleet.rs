@@ -130,7 +130,7 @@ fn shards_of_which_one_was_killed_give_the_report_of_one_machine() {
     assert_eq!(printed(&folder, &["merge", "run", "--json"]), json);
 
     // Other arguments begin anew, beside the results of these.
-    let others = ["eval", "--manifest=m.csv", "--out=run", "--threshold=0", "--clips=7,8"];
+    let others = ["eval", "--manifest=m.csv", "--out=run", "--threshold=0", "--clips=two/7,two/8"];
     let said = text(&run(&folder, &others).stderr);
     assert!(said.contains("2 clips measured, 0 were before"), "{said}");
     assert_eq!(results(&folder, "run").len(), 8);
