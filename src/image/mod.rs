@@ -161,17 +161,16 @@ impl Rect {
             * span(self.y, self.height, other.y, other.height)
     }
 
-    /// The part within a picture of `width` x `height` pixels; of no width or height where that is nothing.
+    /// The part within a picture of `width` x `height` pixels; without extent, at its edge, where there is none.
     pub fn within(&self, width: usize, height: usize) -> Self {
-        let clipped = |start: I28F4, length: I28F4, pixels: usize| {
-            let most = (pixels as i64) << 4;
-            let clamp = |at: i64| at.clamp(0, most) as i32;
-            let start = i64::from(start.to_bits());
-            let (first, end) = (clamp(start), clamp(start + i64::from(length.to_bits())));
-            (I28F4::from_bits(first), I28F4::from_bits((end - first).max(0)))
+        let clipped = |start: I28F4, extent: I28F4, side: usize| {
+            let side = I28F4::saturating_from_num(side);
+            let end = start.saturating_add(extent).clamp(I28F4::ZERO, side);
+            let start = start.clamp(I28F4::ZERO, side);
+            (start, (end - start).max(I28F4::ZERO))
         };
-        let ((x, width), (y, height)) =
-            (clipped(self.x, self.width, width), clipped(self.y, self.height, height));
+        let (x, width) = clipped(self.x, self.width, width);
+        let (y, height) = clipped(self.y, self.height, height);
         Self { x, y, width, height }
     }
 

@@ -11,11 +11,10 @@
 
 use crate::camera::Camera;
 use crate::camera::attitude::{Attitude, Direction};
-use crate::image::Rect;
 use crate::math::real::{ONE, Real, ZERO, add, divide, norm, ratio, sqrt};
 use crate::tracking::tracker::Track;
 use crate::tracking::traffic::{Estimate, Level, MAX_TRAFFIC, Traffic};
-use fixed::types::{I16F16, I28F4};
+use fixed::types::I16F16;
 
 /// Longest time to contact that is reported, in seconds.
 const LONGEST: Real = Real::lit("60");
@@ -216,6 +215,8 @@ impl AlertMonitor {
     fn track(&mut self, track: &Track, observer: &Observer<'_>) -> Traffic {
         let body = observer.attitude.inverse().rotate(track.direction);
         let camera = observer.camera;
+        let [width, height] =
+            [camera.intrinsics().width, camera.intrinsics().height].map(|side| side as usize);
         let own = camera.sigma(camera.mounting().inverse().rotate(body));
         let sigma = track.direction_sigma();
         let course = Course::new(track, &self.settings);
@@ -235,7 +236,7 @@ impl AlertMonitor {
         Traffic {
             id: track.id,
             time_us: observer.time_us,
-            rect: clipped(&track.rect, camera),
+            rect: track.rect.within(width, height),
             score: track.score,
             confirmed: track.confirmed,
             coasting: track.coasting,
@@ -294,20 +295,6 @@ impl Measured {
     fn short(self) -> Estimate {
         Estimate { value: short(self.value), sigma: short(self.sigma) }
     }
-}
-
-/// The part of a box that is in the frame; without extent, at its edge, where there is none.
-fn clipped(rect: &Rect, camera: &Camera) -> Rect {
-    let spec = camera.intrinsics();
-    let within = |start: I28F4, extent: I28F4, side: u32| {
-        let side = I28F4::saturating_from_num(side);
-        let end = start.saturating_add(extent).clamp(I28F4::ZERO, side);
-        let start = start.clamp(I28F4::ZERO, side);
-        (start, (end - start).max(I28F4::ZERO))
-    };
-    let (x, width) = within(rect.x, rect.width, spec.width);
-    let (y, height) = within(rect.y, rect.height, spec.height);
-    Rect { x, y, width, height }
 }
 
 /// As an [`I16F16`], saturated.

@@ -225,13 +225,7 @@ fn a_gimbal_or_station_is_no_autopilot() {
 #[test]
 fn a_rate_is_judged_as_it_is_printed() {
     for (interval_us, mark) in [(50_300, Mark::Good), (52_000, Mark::Note)] {
-        let mut examination = Examination::new(&[], false, 0);
-        let heartbeat = HEARTBEAT_DATA {
-            mavtype: MavType::MAV_TYPE_QUADROTOR,
-            autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
-            ..Default::default()
-        };
-        examination.receive(&raw(7, 1, &MavMessage::HEARTBEAT(heartbeat)), 0);
+        let mut examination = with_autopilot();
         for i in 0..100 {
             let attitude = MavMessage::ATTITUDE_QUATERNION(Default::default());
             examination.receive(&raw(7, 1, &attitude), i * interval_us);
@@ -241,8 +235,8 @@ fn a_rate_is_judged_as_it_is_printed() {
     }
 }
 
-/// What is heard of an autopilot that sends attitudes, and another message, so often.
-fn with_rates(attitude_us: i64, other: Option<(u8, MavMessage, i64)>) -> Examination {
+/// After the heartbeat of a PX4 multirotor at time 0.
+fn with_autopilot() -> Examination {
     let mut examination = Examination::new(&[], false, 0);
     let heartbeat = HEARTBEAT_DATA {
         mavtype: MavType::MAV_TYPE_QUADROTOR,
@@ -250,6 +244,12 @@ fn with_rates(attitude_us: i64, other: Option<(u8, MavMessage, i64)>) -> Examina
         ..Default::default()
     };
     examination.receive(&raw(7, 1, &MavMessage::HEARTBEAT(heartbeat)), 0);
+    examination
+}
+
+/// What is heard of an autopilot that sends attitudes, and another message, so often.
+fn with_rates(attitude_us: i64, other: Option<(u8, MavMessage, i64)>) -> Examination {
+    let mut examination = with_autopilot();
     for now in (0..6_000_000).step_by(10_000) {
         if now % attitude_us == 0 {
             examination.receive(&raw(7, 1, &MavMessage::ATTITUDE(Default::default())), now);

@@ -10,6 +10,7 @@ use super::config::Config;
 use super::ring::{self, Ring};
 use super::worker::Seen;
 use super::writer::Writer;
+use crate::detector::temporal_score::MEMORY;
 use crate::mavlink::component::parameters::Parameters;
 use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::formats::detections;
@@ -40,9 +41,10 @@ const ITEMS: usize = 1024;
 const BEFORE: usize = 1024;
 /// Time from a frame that could not be written to the next that is tried, microseconds.
 const AGAIN_US: i64 = 1_000_000;
-/// Frames after which a detector finds what one finds that has run for ever: its slices reach 10 frames back, and what it
-/// keeps of scores and sizes fades by half each frame.
+/// Frames after which a detector finds what one finds that has run for ever: its slices reach 10 frames back, and scores and
+/// sizes depend on [`MEMORY`] frames that had all of theirs.
 const LEAD: usize = 64;
+const _: () = assert!(10 + MEMORY <= LEAD);
 /// MAVLink's HEARTBEAT.
 const HEARTBEAT: u32 = 0;
 /// The component id of autopilots.

@@ -7,12 +7,13 @@ mod still;
 
 use super::error::Error;
 use super::sources::{self, Frame};
+use super::support::atomic_file;
 use super::support::interrupt::{self, Ended};
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use std::path::PathBuf;
 use std::string::{String, ToString};
 use std::vec::Vec;
-use std::{eprintln, fs, io};
+use std::{eprintln, io};
 use still::Still;
 
 /// Command-line arguments of `lookout mask`.
@@ -85,7 +86,7 @@ pub fn run(args: &MaskArgs) -> Result<Ended, Error> {
     PngEncoder::new(&mut png)
         .write_image(&pixels, width as u32, height as u32, ExtendedColorType::L8)
         .map_err(io::Error::other)
-        .and_then(|()| fs::write(&args.out, png))
+        .and_then(|()| atomic_file::write(&args.out, &png))
         .map_err(Error::write(&args.out))?;
     eprintln!("{moved} of {frames} frames used; {percent:.1} % of the picture hidden");
     Ok(Ended::Complete)
