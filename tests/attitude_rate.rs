@@ -140,7 +140,10 @@ fn ideal(settings: &SimulateSettings) -> Vec<(i64, Detections)> {
             let [x, y, width, height] = sides.map(I28F4::from_num);
             let shifts = [Shift::default(); SHIFTS];
             let rect = Rect { x, y, width, height };
-            found.list.push(Detection { rect, score: 6 << 16, shifts }).unwrap();
+            found
+                .list
+                .push(Detection { rect, score: 6 << 16, frame_score: 6 << 16, shifts })
+                .unwrap();
         }
         frames.push((frame.time_us, found));
     }

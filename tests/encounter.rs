@@ -254,7 +254,12 @@ impl World {
             height: number(size),
         };
         let mut found = Detections::default();
-        let one = Detection { rect, score: 5 << 16, shifts: [Shift::default(); SHIFTS] };
+        let one = Detection {
+            rect,
+            score: 5 << 16,
+            frame_score: 5 << 16,
+            shifts: [Shift::default(); SHIFTS],
+        };
         assert!(found.list.push(one).is_ok());
         found
     }

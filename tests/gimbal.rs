@@ -195,7 +195,8 @@ impl Flight {
         let (x, y) = self.onboard.camera().project(seen).unwrap();
         let [width, height] = [20, 10].map(I28F4::from_num);
         let rect = Rect { x: x - width / 2, y: y - height / 2, width, height };
-        let detection = Detection { rect, score: 6 << 16, shifts: [Shift::default(); 3] };
+        let detection =
+            Detection { rect, score: 6 << 16, frame_score: 6 << 16, shifts: [Shift::default(); 3] };
         found.list.push(detection).unwrap();
         let tracks = self.onboard.see(&found, self.now, self.now);
         let body = self.vehicle().inverse().rotate(object()).map(|v| v.to_num::<f64>());

@@ -103,7 +103,12 @@ impl Encounter {
         }
         let [x, y, width, height] =
             [x - width / 2.0, y - height / 2.0, width, height].map(I28F4::from_num);
-        Detection { rect: Rect { x, y, width, height }, score: 3 << 16, shifts }
+        Detection {
+            rect: Rect { x, y, width, height },
+            score: 3 << 16,
+            frame_score: 3 << 16,
+            shifts,
+        }
     }
 
     /// Frames, with the vehicle's attitude or without; `frame` may change what is detected.
@@ -296,17 +301,19 @@ fn a_model_s_calibration_says_what_makes_a_track() {
         knots.iter().flat_map(|k| knot(k).encode()).collect()
     };
     let default = tracker::Settings::default();
-    for (table, start_score, keep_score) in [
-        (&[(-500, 10), (-400, 40), (-100, 49), (300, 51), (400, 99)][..], 300, -400),
+    let none = [default.start_score, default.confirm_score, default.keep_score];
+    for (table, [start_score, confirm_score, keep_score]) in [
+        (&[(-500, 10), (-400, 40), (-100, 49), (300, 51), (400, 99)][..], [300, 400, -400]),
         // Never sure enough: what is known of the low scores holds all the same.
-        (&[(-170_000, 20), (-100_000, 45)], default.start_score, -100_000),
+        (&[(-170_000, 20), (-100_000, 45)], [none[0], none[1], -100_000]),
+        // Never sure enough to confirm: not less sure than to start.
+        (&[(-170_000, 20), (500, 55)], [500, 500, 500]),
         // All of it good: what starts a track continues it.
-        (&[(7, 98), (8, 99)], 7, 7),
-        (&[], default.start_score, default.keep_score),
+        (&[(7, 98), (8, 99)], [7, 7, 7]),
+        (&[], none),
     ] {
         let bytes = knots(table);
         let settings = tracker::Settings::calibrated(&Calibration::parse(&bytes).unwrap());
-        let confirm_score = start_score;
         assert_eq!(
             settings,
             tracker::Settings { start_score, confirm_score, keep_score, ..default }
@@ -322,7 +329,7 @@ fn weak_detections_alone_confirm_nothing() {
     // Where there is nothing in two frames of three, the scores of the third say little.
     for (score, every, confirmed) in [(between, 1, false), (0, 1, true), (0, 3, false)] {
         let traffic = encounter.fly(120, true, |frame, found| match frame % every {
-            0 => vec![Detection { score, ..found }],
+            0 => vec![Detection { score, frame_score: score, ..found }],
             _ => vec![],
         });
         let any = traffic.iter().flatten().any(|t| t.confirmed);
@@ -337,7 +344,7 @@ fn a_part_of_what_is_known_is_no_object() {
     let traffic = encounter.fly(120, true, |frame, whole| {
         let Rect { width, height, .. } = whole.rect;
         let rect = Rect { width: width / 2, height: height / 2, ..whole.rect };
-        let part = Detection { rect, score: 1 << 16, ..whole };
+        let part = Detection { rect, score: 1 << 16, frame_score: 1 << 16, ..whole };
         if frame < 30 { vec![whole] } else { vec![whole, part] }
     });
     assert!(traffic[30..].iter().all(|t| t.len() == 1 && t[0].confirmed && t[0].id == 1));
@@ -351,7 +358,12 @@ fn more_objects_than_there_is_room_for() {
             let [x, y] = [i % 8 * 70 + 20, i / 8 * 80 + 20].map(I28F4::from_num::<i32>);
             let side = I28F4::from_num(20);
             let rect = Rect { x, y, width: side, height: side };
-            Detection { rect, score: (i + 1) << 16, shifts: [Shift::default(); SHIFTS] }
+            Detection {
+                rect,
+                score: (i + 1) << 16,
+                frame_score: (i + 1) << 16,
+                shifts: [Shift::default(); SHIFTS],
+            }
         })
         .collect();
     let first = watch.update(&many, 0, &Motion::IDENTITY, &Attitudes::new());
@@ -450,7 +462,7 @@ proptest! {
                 let shrink = if sane { 4096 * 64 } else { 1 };
                 let [x, y, width, height] = rect.map(|v| I28F4::from_bits(v / shrink));
                 let shift = |i: usize| Shift { x: I28F4::from_bits(shifts[2 * i] / shrink), y: I28F4::from_bits(shifts[2 * i + 1] / shrink) };
-                Detection { rect: Rect { x, y, width, height }, score, shifts: core::array::from_fn(shift) }
+                Detection { rect: Rect { x, y, width, height }, score, frame_score: score, shifts: core::array::from_fn(shift) }
             }).collect();
             let motion = Motion::new(640, 480, motion);
             // The same frame again: tracks are met, and time stands still.

@@ -84,7 +84,7 @@ fn detections(input: &mut Input<'_>, count: u8) -> Detections {
         let [x, y, width, height] = std::array::from_fn(|_| I28F4::from_bits(input.word().into()));
         let rect = Rect { x, y, width, height };
         let score = i32::from(input.word()) << 4;
-        let detection = Detection { rect, score, shifts: Default::default() };
+        let detection = Detection { rect, score, frame_score: score, shifts: Default::default() };
         if found.list.push(detection).is_err() {
             break;
         }

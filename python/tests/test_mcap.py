@@ -14,7 +14,7 @@ from mcap_ros2.writer import Writer
 from PIL import Image
 
 LOOKOUT = pathlib.Path(sysconfig.get_path("scripts"), "lookout")
-FLIGHT = ["--kind", "collision", "--seed", "3", "--seconds", "2", "--width", "320", "--height", "240"]
+FLIGHT = ["--kind", "collision", "--seed", "8", "--seconds", "4", "--width", "320", "--height", "240"]
 HEADER = """std_msgs/Header header
 {fields}
 ================================================================================

@@ -118,7 +118,7 @@ impl CubeClassifier<'_> {
         let rect = Rect { x: x - width / 2, y: y - height / 2, width, height };
         let rect = self.fit().map_or(rect, |fit| fit.fit(rect, &self.channels.pyramid));
         let score = score.div_euclid(i64::from(looks) + 1) as i32;
-        judged.detection = Detection { rect, score, ..centred };
+        judged.detection = Detection { rect, score, frame_score: score, ..centred };
         if self.trace && self.method.alignment != Alignment::Regressors {
             self.trace(&mut judged.detection, &mut workspace.cube);
         }
@@ -224,6 +224,7 @@ impl CubeClassifier<'_> {
         Detection {
             rect: boxed((cx + pixels(x), cy + pixels(y)), size(width), size(height)),
             score: score.saturating_mul(256),
+            frame_score: score.saturating_mul(256),
             shifts: shifts(path, level.scale),
         }
     }

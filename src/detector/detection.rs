@@ -20,8 +20,11 @@ pub struct Shift {
 pub struct Detection {
     /// Its box in the frame.
     pub rect: Rect,
-    /// Log-odds that the box shows a target, Q16; any sign.
+    /// Log-odds that the box shows a target, Q16; any sign. By this frame and those before it
+    /// ([`crate::detector::temporal_score`]).
     pub score: i32,
+    /// The same by this frame alone.
+    pub frame_score: i32,
     /// Where the object's centre was 1, 2, .. frames ago, relative to its centre now.
     pub shifts: [Shift; SHIFTS],
 }

@@ -49,8 +49,12 @@ mod tests {
 
     #[test]
     fn equals_the_crc_of_the_bytes_and_sees_frame_borders() {
-        let detection =
-            Detection { rect: Default::default(), score: -2, shifts: Default::default() };
+        let detection = Detection {
+            rect: Default::default(),
+            score: -2,
+            frame_score: -2,
+            shifts: Default::default(),
+        };
         let mut bytes = Vec::new();
         bytes.extend(1u32.to_le_bytes());
         bytes.extend([0; 16]);

@@ -120,7 +120,7 @@ impl<const N: usize> Persistence<N> {
         let mut again = [false; N];
         let mut new: heapless::Vec<Seen, N> = heapless::Vec::new();
         for Scored { detection, .. } in found.iter_mut() {
-            let Detection { rect, score, shifts: [Shift { x, y }, ..] } = *detection;
+            let Detection { rect, score, shifts: [Shift { x, y }, ..], .. } = *detection;
             let before = Rect { x: rect.x + x, y: rect.y + y, ..rect };
             let same = self.last.iter().enumerate();
             let same = same.filter(|(_, last)| last.rect.overlaps(&before, OVERLAP));
@@ -187,7 +187,7 @@ mod tests {
     fn scored(rect: Rect, score: i32, shift: i32) -> Scored {
         let shifts = [Shift { x: I28F4::from_num(shift), y: I28F4::ZERO }; SHIFTS];
         let candidate = Candidate { level: 0, x: 0, y: 0, score: 0 };
-        Scored { candidate, detection: Detection { rect, score, shifts } }
+        Scored { candidate, detection: Detection { rect, score, frame_score: score, shifts } }
     }
 
     /// Weighs detections with nothing moving; their boxes and scores.

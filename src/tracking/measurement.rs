@@ -26,6 +26,10 @@ pub struct CameraPose<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct Measurement {
     pub rect: Rect,
+    /// Of the detection.
+    pub score: i32,
+    /// Of the detection.
+    pub frame_score: i32,
     pub direction: Vector,
     pub variance: Real,
     pub size: Real,
@@ -77,6 +81,8 @@ impl Measurement {
             });
         Self {
             rect: Rect { x, y, width, height },
+            score: detection.score,
+            frame_score: detection.frame_score,
             direction,
             variance: place * place + error * error,
             size,

@@ -77,7 +77,7 @@ enum Source {
 ///     let centre = [320, 240].map(I28F4::from_num::<i32>);
 ///     let [x, y] = centre.map(|middle| middle - side / 2);
 ///     let rect = Rect { x, y, width: side, height: side };
-///     let detection = Detection { rect, score: 4 << 16, shifts: Default::default() };
+///     let detection = Detection { rect, score: 4 << 16, frame_score: 4 << 16, shifts: Default::default() };
 ///     let time_us = i64::from(frame) * 33_333;
 ///     let traffic = watch.update(&[detection], time_us, &still, &attitudes);
 ///     level = traffic[0].level;

@@ -61,7 +61,9 @@ pub struct Track {
     pub coasting: bool,
     /// Score of the last detection.
     pub score: i32,
-    /// Exponential moving average of the scores, weight 1/8, Q16 log-odds; it starts at [`Settings::keep_score`], which also
+    /// By its frame alone.
+    frame_score: i32,
+    /// Exponential moving average of the frames' own scores, weight 1/8, Q16 log-odds; it starts at [`Settings::keep_score`], which also
     /// stands for frames without a detection.
     pub mean_log_odds: i32,
     /// Box in the newest frame, predicted while coasting.
@@ -110,13 +112,7 @@ impl Track {
     }
 
     #[inline(never)]
-    fn start(
-        id: u16,
-        measurement: &Measurement,
-        score: i32,
-        time_us: i64,
-        settings: &Settings,
-    ) -> Self {
+    fn start(id: u16, measurement: &Measurement, time_us: i64, settings: &Settings) -> Self {
         let (rate, rate_sigma) = match measurement.rate {
             Some((rate, variance)) => (rate, sqrt(variance)),
             None => ([ZERO; 3], FIRST_RATE),
@@ -127,8 +123,9 @@ impl Track {
             supported: false,
             seen_us: time_us,
             coasting: false,
-            score,
-            mean_log_odds: towards(settings.keep_score, score),
+            score: measurement.score,
+            frame_score: measurement.frame_score,
+            mean_log_odds: towards(settings.keep_score, measurement.frame_score),
             rect: measurement.rect,
             direction: measurement.direction,
             rate,
@@ -169,7 +166,7 @@ impl Track {
     }
 
     #[inline(never)]
-    fn update(&mut self, measurement: &Measurement, score: i32, time_us: i64, settings: &Settings) {
+    fn update(&mut self, measurement: &Measurement, time_us: i64, settings: &Settings) {
         let off = across(add(measurement.direction, self.direction, -ONE), self.direction);
         let [place, speed] = self.bearing.update(measurement.variance);
         self.direction = unit(add(self.direction, off, place));
@@ -192,7 +189,8 @@ impl Track {
             self.growth = (self.growth + off * growth).clamp(-MAX_GROWTH, MAX_GROWTH);
             self.aspect += (measurement.aspect - self.aspect) / 8;
         }
-        self.score = score;
+        self.score = measurement.score;
+        self.frame_score = measurement.frame_score;
         self.rect = measurement.rect;
         self.seen_us = time_us;
         self.coasting = false;
@@ -208,7 +206,7 @@ impl Track {
 
     /// Updates the mean log-odds, and confirms the track where it and the hits of the last frames suffice.
     fn confirm(&mut self, settings: &Settings) {
-        let seen = if self.coasting { settings.keep_score } else { self.score };
+        let seen = if self.coasting { settings.keep_score } else { self.frame_score };
         self.mean_log_odds = towards(self.mean_log_odds, seen);
         let support = if self.supported { SUPPORT } else { 0 };
         self.confirmed |= self.hits(settings.confirm_window) >= u32::from(settings.confirm_hits)
@@ -277,7 +275,7 @@ fn limited(rate: Vector, direction: Vector) -> Vector {
 /// for frame in 0..10 {
 ///     let [x, y, side] = [100 + 2 * frame, 200, 20].map(I28F4::from_num::<i32>);
 ///     let rect = Rect { x, y, width: side, height: side };
-///     let detection = Detection { rect, score: 4 << 16, shifts: Default::default() };
+///     let detection = Detection { rect, score: 4 << 16, frame_score: 4 << 16, shifts: Default::default() };
 ///     tracker.update(&[detection], i64::from(frame) * 33_333, ONE / 30, &pose);
 /// }
 /// let [track] = tracker.tracks() else { panic!("one track") };
@@ -343,11 +341,11 @@ impl Tracker {
     ) {
         let dt = dt.clamp(ZERO, ONE);
         let settings = self.settings;
-        let measurements: heapless::Vec<(Measurement, i32), MAX_MEASUREMENTS> = detections
+        let measurements: heapless::Vec<Measurement, MAX_MEASUREMENTS> = detections
             .iter()
             .filter(|d| d.score >= settings.keep_score)
             .take(MAX_MEASUREMENTS)
-            .map(|d| (Measurement::new(d, pose, &settings), d.score))
+            .map(|d| Measurement::new(d, pose, &settings))
             .collect();
         for track in &mut self.tracks {
             track.predict(dt, &settings);
@@ -365,9 +363,9 @@ impl Tracker {
         }
         self.tracks.retain(|track| !track.is_over(time_us, &settings));
         self.merge();
-        for ((measurement, score), free) in measurements.iter().zip(free) {
-            if free && *score >= settings.start_score {
-                self.start(measurement, *score, time_us);
+        for (measurement, free) in measurements.iter().zip(free) {
+            if free && measurement.frame_score >= settings.start_score {
+                self.start(measurement, time_us);
             }
         }
     }
@@ -375,14 +373,14 @@ impl Tracker {
     /// Gives measurements to tracks that are (not) confirmed, the nearest pair first.
     fn assign(
         &mut self,
-        measurements: &[(Measurement, i32)],
+        measurements: &[Measurement],
         free: &mut [bool; MAX_MEASUREMENTS],
         confirmed: bool,
         time_us: i64,
     ) {
         let mut distances = [[None; MAX_MEASUREMENTS]; MAX_TRAFFIC];
         for (track, row) in self.tracks.iter().zip(&mut distances) {
-            for ((measurement, _), distance) in measurements.iter().zip(row) {
+            for (measurement, distance) in measurements.iter().zip(row) {
                 *distance =
                     (track.confirmed == confirmed).then(|| track.distance(measurement)).flatten();
             }
@@ -400,8 +398,7 @@ impl Tracker {
                 }
             }
             let Some((_, t, s)) = best else { return };
-            let (measurement, score) = &measurements[s];
-            self.tracks[t].update(measurement, *score, time_us, &self.settings);
+            self.tracks[t].update(&measurements[s], time_us, &self.settings);
             free[s] = false;
         }
     }
@@ -427,7 +424,7 @@ impl Tracker {
     }
 
     /// A new track, in the place of a worse one that is not confirmed where there is no room.
-    fn start(&mut self, measurement: &Measurement, score: i32, time_us: i64) {
+    fn start(&mut self, measurement: &Measurement, time_us: i64) {
         let known = |track: &Track| {
             track.rect.overlaps(&measurement.rect, KNOWN_OBJECT_IOU)
                 || track.covers_half_of(&measurement.rect)
@@ -441,13 +438,13 @@ impl Tracker {
             // One of the two finds no room, whichever it is.
             self.dropped = self.dropped.saturating_add(1);
             match worst {
-                Some((i, least)) if least < score => drop(self.tracks.remove(i)),
+                Some((i, least)) if least < measurement.score => drop(self.tracks.remove(i)),
                 _ => return,
             }
         }
         let id = self.next_id();
         // There is room now.
-        let _ = self.tracks.push(Track::start(id, measurement, score, time_us, &self.settings));
+        let _ = self.tracks.push(Track::start(id, measurement, time_us, &self.settings));
     }
 
     /// The next number that no track has; never 0.

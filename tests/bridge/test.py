@@ -66,7 +66,7 @@ def main():
     lookout = sys.argv[1]
     with tempfile.TemporaryDirectory() as folder:
         file = pathlib.Path(folder, "lines")
-        subprocess.run([lookout, "replay", "--simulate", "crossing", "--seconds", "3", "--jsonl", file],
+        subprocess.run([lookout, "replay", "--simulate", "crossing", "--seed", "2", "--seconds", "3", "--jsonl", file],
                        check=True, stdout=subprocess.DEVNULL)
         lines = file.read_text().splitlines()
     published = {}

@@ -157,6 +157,8 @@ struct DetectionLine {
     /// Left, top, width, height in pixels.
     r#box: [f64; 4],
     score: f64,
+    /// By this frame alone.
+    frame_score: f64,
     /// Where the centre was 1, 2, .. frames ago, relative to its place now: right, down in pixels.
     shifts: Vec<[f64; 2]>,
 }
@@ -183,6 +185,7 @@ pub fn json_line(
             .map(|d| DetectionLine {
                 r#box: rect(d).map(Decimal::to_f64),
                 score: Decimal::score(d.score).to_f64(),
+                frame_score: Decimal::score(d.frame_score).to_f64(),
                 shifts: d.shifts.iter().map(|s| [pixels(s.x), pixels(s.y)]).collect(),
             })
             .collect(),
@@ -222,8 +225,9 @@ impl FrameLine {
                 *shift = Shift { x: pixels(*x), y: pixels(*y) };
             }
             // Back to the nearest unit, which six decimals keep apart.
-            let score = (line.score * f64::from(1 << SCORE_BITS)).round() as i32;
-            Detection { rect: Rect { x, y, width, height }, score, shifts }
+            let units = |score: f64| (score * f64::from(1 << SCORE_BITS)).round() as i32;
+            let (score, frame_score) = (units(line.score), units(line.frame_score));
+            Detection { rect: Rect { x, y, width, height }, score, frame_score, shifts }
         };
         Detections {
             list: self.detections.iter().take(MAX_DETECTIONS).map(detection).collect(),
@@ -287,7 +291,12 @@ mod tests {
     fn one(rect: [i32; 4], score: i32) -> Detections {
         let [x, y, width, height] = rect.map(I28F4::from_bits);
         let shift = Shift { x: I28F4::from_bits(-1), y: I28F4::from_bits(24) };
-        let detection = Detection { rect: Rect { x, y, width, height }, score, shifts: [shift; 3] };
+        let detection = Detection {
+            rect: Rect { x, y, width, height },
+            score,
+            frame_score: -score,
+            shifts: [shift; 3],
+        };
         let mut detections = Detections { windows: 9, kept: 2, ..Default::default() };
         detections.list.push(detection).unwrap();
         detections
@@ -301,7 +310,7 @@ mod tests {
             json_line(7, 200_000, &detections, None),
             "{\"frame\":7,\"time_us\":200000,\"windows\":9,\"kept\":2,\"dropped\":0,\"registered\":false,\
              \"motion\":[0,0,0,0,0,0,0,0],\"detections\":[{\"box\":[-0.0625,2.0625,10.0,0.5],\"score\":-0.5,\
-             \"shifts\":[[-0.0625,1.5],[-0.0625,1.5],[-0.0625,1.5]]}]}\n"
+             \"frame_score\":0.5,\"shifts\":[[-0.0625,1.5],[-0.0625,1.5],[-0.0625,1.5]]}]}\n"
         );
         assert_eq!(mot_lines(1, &Detections::default()), "");
     }

@@ -230,6 +230,7 @@ mod tests {
         let detection = Detection {
             rect: Rect { x, y, width, height },
             score,
+            frame_score: score,
             shifts: [Shift { x: sx, y: sy }; 3],
         };
         let mut detections = Detections::default();

@@ -183,6 +183,7 @@ impl Difference {
         found.list.extend(boxes.iter().map(|&(rect, score)| Detection {
             rect,
             score,
+            frame_score: score,
             shifts: Default::default(),
         }));
     }

@@ -204,7 +204,7 @@ mod tests {
             let rect = Rect { x, y, width: bits(width), height: bits(height) };
             let shifts = [Shift { x, y }; 3];
             let mut found = Detections::default();
-            found.list.push(Detection { rect, score: 5, shifts }).unwrap();
+            found.list.push(Detection { rect, score: 5, frame_score: 5, shifts }).unwrap();
             scaling.restore(&mut found);
             let Detection { rect, shifts, .. } = found.list[0];
             for (got, want) in [
