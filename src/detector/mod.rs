@@ -34,6 +34,10 @@ pub const MAX_DETECTIONS: usize = 64;
 /// Detections that are refined per frame, the best ones, by [`History`].
 const MAX_REFINED: [usize; 2] = [10, 3];
 
+/// Log-odds of a window (Q16) below which its detection is not refined. On `airborne/dev`'s flight_001 refining takes 2.5 ms
+/// of a frame instead of 11.4; AveP is 0.815 / 0.897 instead of 0.813 / 0.898.
+const LEAST_REFINED: i32 = -2 << 16;
+
 /// Candidates that one thread classifies at a time.
 const PIECE: usize = 4;
 
@@ -470,7 +474,8 @@ fn decide(
     found.truncate(length);
     detections.dropped += dropped;
     observer(Stage::Cubes);
-    let refined = MAX_REFINED[config.method.history as usize].min(found.len());
+    let refined = found.iter().take(MAX_REFINED[config.method.history as usize]);
+    let refined = refined.take_while(|s| s.detection.score >= LEAST_REFINED).count();
     if parallel {
         threads::pieces(&mut found[..refined], 1, true, |_, scored| {
             let mut workspace = Workspace::EMPTY;

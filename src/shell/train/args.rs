@@ -81,6 +81,11 @@ pub struct TrainArgs {
     #[arg(long, value_name = "MODEL")]
     #[serde(skip)]
     pub calibrate: Option<PathBuf>,
+    /// With --calibrate: raise the scan's rejection thresholds by this, log-odds, from its ninth tree on. Faster; the scan
+    /// keeps the best windows alone, which are all that are classified
+    #[arg(long, value_name = "LOGODDS", requires = "calibrate", value_parser = margin)]
+    #[serde(skip)]
+    pub scan_margin: Option<f64>,
     /// Adapt this model: its classifier of st-cubes gets more trees from these clips, the rest stays. With another method,
     /// or other parts, than the model's: train the classifier and boxes on the scan and the shift regressors of this model
     #[arg(long, value_name = "MODEL")]
@@ -213,6 +218,14 @@ impl TrainArgs {
         };
         stages.extend(recipe.fit.then_some(Stage::Fits));
         stages
+    }
+}
+
+/// A margin of rejection thresholds.
+fn margin(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(margin) if (0.0..=8.0).contains(&margin) => Ok(margin),
+        _ => Err("a number of log-odds, 0 to 8".into()),
     }
 }
 

@@ -41,6 +41,7 @@ use super::pipeline::methods::{MethodName, Recipe};
 use super::pipeline::{ModelFile, PipelineError};
 use super::support::interrupt::{self, Ended};
 use crate::model::{Model, Section};
+use boost::TrainedForest;
 use file::{Files, Parts};
 use report::Report;
 use stage::Stage;
@@ -174,6 +175,12 @@ fn recalibrate(args: &TrainArgs, path: &Path) -> Result<Ended, Error> {
     let provenance: serde_json::Value =
         serde_json::from_str(model.provenance()).unwrap_or_default();
     let hold_back = provenance["hold_back"].as_u64().map_or(args.hold_back, |n| n as usize);
+    if let Some(margin) = args.scan_margin {
+        let mut scan = TrainedForest::from(*model.scan());
+        // Scores of the scan are in Q8.
+        scan.raise_reject_thresholds((margin * 256.0) as i32);
+        parts.set_forest(Section::Scan, &scan);
+    }
     let Some(precision) = calibrate(&mut parts, args, hold_back)? else {
         return Ok(Ended::Interrupted);
     };

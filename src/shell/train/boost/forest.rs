@@ -108,6 +108,13 @@ impl TrainedForest {
         }
     }
 
+    /// Raises the reject thresholds from the ninth tree on, where there are any; the first trees have seen too little.
+    pub fn raise_reject_thresholds(&mut self, by: i32) {
+        for tree in self.trees.iter_mut().skip(8).filter(|t| t.reject_threshold != NEVER_REJECT) {
+            tree.reject_threshold = tree.reject_threshold.saturating_add(by);
+        }
+    }
+
     /// Renumbers every feature that is used to `number(old)`, below `features`.
     pub fn renumber(&mut self, number: impl Fn(u16) -> u16, features: u16) {
         for node in self.trees.iter_mut().flat_map(|tree| &mut tree.nodes) {
@@ -203,5 +210,15 @@ mod tests {
         let thresholds: Vec<i32> =
             forest.trees().iter().map(|tree| tree.reject_threshold).collect();
         assert_eq!(thresholds, [-3, NEVER_REJECT]);
+    }
+
+    #[test]
+    fn thresholds_are_raised_behind_the_first_trees() {
+        let tree = TrainedTree { nodes: vec![Node::LEFT], leaves: vec![1, 1], reject_threshold: 5 };
+        let mut forest = TrainedForest { depth: 1, features: 1, bias: 0, trees: vec![tree; 11] };
+        forest.set_reject_thresholds(&[[7; 8].as_slice(), &[7, i32::MAX]].concat());
+        forest.raise_reject_thresholds(3);
+        let raised = [[7; 8].as_slice(), &[10, i32::MAX, NEVER_REJECT]].concat();
+        assert_eq!(forest.reject_thresholds(), raised);
     }
 }
