@@ -476,13 +476,14 @@ fn decide(
     observer(Stage::Cubes);
     let refined = found.iter().take(MAX_REFINED[config.method.history as usize]);
     let refined = refined.take_while(|s| s.detection.score >= LEAST_REFINED).count();
+    let best = found.get_mut(..refined).unwrap_or_default();
     if parallel {
-        threads::pieces(&mut found[..refined], 1, true, |_, scored| {
+        threads::pieces(best, 1, true, |_, scored| {
             let mut workspace = Workspace::EMPTY;
             scored.iter_mut().for_each(|scored| classifier.refine(scored, &mut workspace));
         });
     } else {
-        found[..refined].iter_mut().for_each(|scored| classifier.refine(scored, &mut workspace));
+        best.iter_mut().for_each(|scored| classifier.refine(scored, &mut workspace));
     }
     if config.method.persistence {
         persistence.weigh(&mut found, &detections.motion);

@@ -398,7 +398,10 @@ impl Tracker {
                 }
             }
             let Some((_, t, s)) = best else { return };
-            self.tracks[t].update(&measurements[s], time_us, &self.settings);
+            if let (Some(track), Some(measurement)) = (self.tracks.get_mut(t), measurements.get(s))
+            {
+                track.update(measurement, time_us, &self.settings);
+            }
             free[s] = false;
         }
     }
