@@ -140,8 +140,8 @@ impl<const N: usize> Persistence<N> {
         }
         let mut again = again.iter();
         self.last.retain(|last| again.next() != Some(&true) && last.missed < MISSES);
-        self.last.iter_mut().for_each(|last| *last = last.missed(motion));
         self.last.truncate(N - new.len());
+        self.last.iter_mut().for_each(|last| *last = last.missed(motion));
         new.extend(self.last.iter().copied());
         self.last = new;
     }

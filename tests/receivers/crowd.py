@@ -100,6 +100,7 @@ def start_lookout(folder, component):
 
 def start_mavproxy(folder):
     program = pathlib.Path(sys.executable).parent / "mavproxy.py"
+    # Without the vehicle's system MAVProxy takes the one that it hears first, which may be the station's.
     words = [f"--master=udpout:127.0.0.1:{PLACE}", f"--target-system={VEHICLE}", "--default-modules=", "--daemon", f"--state-basedir={folder}"]
     log = open(folder / "mavproxy.log", "w")
     # Texts of other components than the autopilot are shown after `set target_component 0`, which a daemon is not told.

@@ -39,6 +39,7 @@ pub use error::TrainError;
 use super::error::Error;
 use super::pipeline::methods::{MethodName, Recipe};
 use super::pipeline::{ModelFile, PipelineError};
+use super::support::atomic_file;
 use super::support::interrupt::{self, Ended};
 use crate::model::{Model, Section};
 use boost::TrainedForest;
@@ -200,13 +201,9 @@ fn finished(path: &Path, settings: &str) -> Option<Parts> {
     (model.provenance() == settings).then(|| Parts::of(&model))
 }
 
-/// Writes a file so that it is whole or not there: under another name first.
+/// Writes a file so that it is whole or not there.
 fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".tmp");
-    let temporary = path.with_file_name(name);
-    fs::write(&temporary, bytes).map_err(Error::write(&temporary))?;
-    fs::rename(&temporary, path).map_err(Error::write(path))
+    atomic_file::write(path, bytes).map_err(Error::write(path))
 }
 
 /// The command that gave these settings, for the card.
