@@ -15,13 +15,13 @@
 use fixed::types::I28F4;
 use image::{Rgb, RgbImage};
 use lookout::channels::front_end::FrameChannels;
-use lookout::channels::scale_space::Pictures;
+use lookout::channels::scale_space::LevelView;
 use lookout::channels::window::{PADDING, Position, SLICES, SUBCELL, WINDOW};
 use lookout::detector::{Buffers, Config, Detection, Detections, Detector};
 use lookout::image::gradient::{CELL, CellRow, ORIENTATIONS};
 use lookout::image::{Image, Rect};
 use lookout::model::Model;
-use lookout::scan::aggregate::{self, Strip};
+use lookout::scan::aggregate::{self, MapStrip};
 use lookout::scan::cascade::{Candidate, Map};
 use lookout::scan::{self, Scratch};
 use lookout::shell::simulate::SimulateSettings;
@@ -193,7 +193,7 @@ fn response(
         let rows = rows + 2 * PADDING;
         let mut bytes = vec![0; aggregate::strip_bytes(columns, rows)];
         let mut words = vec![0; aggregate::strip_words(columns)];
-        let show = |strip: Strip<'_>| {
+        let show = |strip: MapStrip<'_>| {
             let map = Map::new(strip, columns);
             let (across, down) = map.windows();
             for (x, y) in (0..down).flat_map(|y| (0..across).map(move |x| (x, y))) {
@@ -277,7 +277,7 @@ fn stcube(model: &Model<'_>, channels: &FrameChannels<'_>, proposal: &Candidate)
 }
 
 /// Grey level of a slice at a pixel of its enlarged window; 0 outside the frame.
-fn pixel(level: &Pictures<'_>, age: usize, position: Position, (x, y): (u32, u32)) -> u8 {
+fn pixel(level: &LevelView<'_>, age: usize, position: Position, (x, y): (u32, u32)) -> u8 {
     let Some(slice) = level.slices[age] else { return 0 };
     // A window begins at a quarter of a cell.
     let zoom = ZOOM as i32;

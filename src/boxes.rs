@@ -5,7 +5,7 @@
 //! objects fill it alike. Regression trees predict the box's error, the box is moved, and a new window is cut: Dollár,
 //! Welinder and Perona, "Cascaded Pose Regression", CVPR 2010, with a centre and two lengths as the pose.
 
-use crate::channels::scale_space::{Level, Pyramid};
+use crate::channels::scale_space::{Pyramid, PyramidLevel};
 use crate::channels::window::{SUBCELL, WINDOW};
 use crate::channels::{Difference, Slice, Square};
 use crate::image::gradient::CELL;
@@ -46,7 +46,7 @@ const LONGEST: i32 = 4096 << 4;
 const FLATTEST: i32 = 8;
 
 /// A picture resampled to a stretched window, row by row.
-type Picture = [u8; SIDE * SIDE];
+type WindowPixels = [u8; SIDE * SIDE];
 
 /// Energies of a window that is stretched to a box: the newest frame alone, resampled so that the box covers
 /// [`BOX_CELLS`] cells along each side.
@@ -153,14 +153,14 @@ fn bounded(rect: &Rect) -> Rect {
 }
 
 /// Sample positions in a picture along one side of a stretched window.
-struct Axis {
+struct SampleAxis {
     /// Samples of a stretched pixel.
     points: usize,
     /// For each sample the pixel before it, and the weight of the next pixel, Q8.
     places: [(u16, u16); SIDE * MAX_POINTS],
 }
 
-impl Axis {
+impl SampleAxis {
     /// Samples for a box's side (start and length in pixels of the frame), in a picture of `length` pixels, each of
     /// `scale` (Q16) pixels of the frame. Beyond the picture its edge pixels repeat.
     fn new((start, side): (I28F4, I28F4), scale: u32, length: usize) -> Self {
@@ -190,7 +190,7 @@ impl Axis {
 
 /// Resamples `picture`: each pixel is the mean of bilinear samples at the points of both axes. Panics if a point is
 /// outside the picture.
-fn stretched(picture: &Image<'_>, x: &Axis, y: &Axis) -> Picture {
+fn stretched(picture: &Image<'_>, x: &SampleAxis, y: &SampleAxis) -> WindowPixels {
     let mut out = [0; SIDE * SIDE];
     let (last_x, last_y) = (picture.width().max(1) - 1, picture.height().max(1) - 1);
     let count = (((x.points * y.points) as u32) << 16).max(1);
@@ -221,14 +221,14 @@ fn stretched(picture: &Image<'_>, x: &Axis, y: &Axis) -> Picture {
 const AROUND: u32 = (SIDE * SIDE - (SIDE - 2 * CELL) * (SIDE - 2 * CELL)) as u32;
 
 /// Mean grey level of the outermost cells of a stretched picture: the background's tone.
-fn tone_around(picture: &Picture) -> u8 {
+fn tone_around(picture: &WindowPixels) -> u8 {
     let edge = |i: usize| !(CELL..SIDE - CELL).contains(&i);
     let around = picture.iter().enumerate().filter(|(n, _)| edge(n % SIDE) || edge(n / SIDE));
     (around.map(|(_, &v)| u32::from(v)).sum::<u32>() / AROUND) as u8
 }
 
 /// [`NEWEST_CHANNELS`] of the cells of the window; the last row and column are not used and stay 0.
-fn newest(grey: &Picture, [far, near, plain]: [&Picture; 3]) -> Square<{ WINDOW + 1 }> {
+fn newest(grey: &WindowPixels, [far, near, plain]: [&WindowPixels; 3]) -> Square<{ WINDOW + 1 }> {
     let tone = tone_around(grey);
     let mut cells: Square<{ WINDOW + 1 }> = Default::default();
     // The window begins behind the first cell of the picture.
@@ -262,15 +262,15 @@ pub fn cut(pyramid: &Pyramid<'_>, rect: &Rect, window: &mut StretchedWindow) -> 
     window.scalars[0] = (shorter >> 2) as u16;
     // The coarsest level that is not coarser than the window, whose pixels are a tenth of the box.
     let step = (i64::from(shorter) << 12) / (BOX_CELLS * CELL) as i64;
-    let fine = |level: &Level| i64::from(level.scale) <= step;
+    let fine = |level: &PyramidLevel| i64::from(level.scale) <= step;
     let levels = pyramid.levels();
     if levels.is_empty() {
         return rect;
     }
     let pictures = pyramid.level(levels.iter().rposition(fine).unwrap_or(0));
     let stretch = |picture: &Image<'_>, scale: u32| {
-        let x = Axis::new((rect.x, rect.width), scale, picture.width());
-        let y = Axis::new((rect.y, rect.height), scale, picture.height());
+        let x = SampleAxis::new((rect.x, rect.width), scale, picture.width());
+        let y = SampleAxis::new((rect.y, rect.height), scale, picture.height());
         stretched(picture, &x, &y)
     };
     let scale = pictures.level.scale;
@@ -290,7 +290,7 @@ pub fn cut(pyramid: &Pyramid<'_>, rect: &Rect, window: &mut StretchedWindow) -> 
 mod tests {
     use super::*;
     use crate::channels::history::History;
-    use crate::channels::scale_space::{self, Geometry};
+    use crate::channels::scale_space::{self, PyramidLayout};
     use crate::stcube::cube::Patch;
     use proptest::prelude::*;
     use std::vec::Vec;
@@ -308,7 +308,7 @@ mod tests {
     ) -> T {
         let noise = |n: usize| (n as u32 ^ seed).wrapping_mul(2_654_435_761) >> 11;
         let smooth = |n: usize| (noise(n / 3) as u8 / 2).wrapping_add(noise(n) as u8 / 8);
-        let geometry = Geometry::new(width, height, 10, 100, 2, History::Full);
+        let geometry = PyramidLayout::new(width, height, 10, 100, 2, History::Full);
         let mut bytes: Vec<u8> = (0..geometry.bytes_len()).map(|n| noise(n) as u8 / 4).collect();
         let halves: Vec<Vec<u8>> =
             (0..4).map(|i| (0..(width >> i) * (height >> i)).map(smooth).collect()).collect();
@@ -329,7 +329,7 @@ mod tests {
             let all: Vec<u8> = (0..width * height).map(|n| value(n % width, n / width)).collect();
             let rect = rect(x, y, wide, high);
             let axes = [((rect.x, rect.width), width), ((rect.y, rect.height), height)]
-                .map(|(side, length)| Axis::new(side, scale, length));
+                .map(|(side, length)| SampleAxis::new(side, scale, length));
             let out = stretched(&Image::packed(&all, width, height).unwrap(), &axes[0], &axes[1]);
             // Where the points of pixel i are, in pixels of the picture.
             let points = |i: usize, (start, side): (I28F4, I28F4), length: usize| -> Vec<f64> {

@@ -7,11 +7,11 @@ use lookout::detector::detection::{Detection, SHIFTS, Shift};
 use lookout::image::Rect;
 use lookout::mavlink::component::Trust;
 use lookout::mavlink::dialect::{HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavMessage};
-use lookout::mavlink::lookout::Onboard;
+use lookout::mavlink::lookout::Lookout;
 use lookout::shell::pipeline::{DetectorArgs, Memory, ModelFile};
 use lookout::shell::replay::telemetry::unplaced;
 use lookout::shell::simulate::source::Simulated;
-use lookout::shell::simulate::{Kind, SimulateSettings, Simulator, Telemetry};
+use lookout::shell::simulate::{FlightTelemetry, Manoeuvre, SimulateSettings, Simulator};
 use lookout::shell::sources::{Frame, FrameSource};
 use lookout::tracking::tracker;
 use mavlink_core::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message};
@@ -35,13 +35,13 @@ struct Link {
 /// Reports of traffic with a position over such a link, and the lookout at the end.
 fn reports(
     settings: &SimulateSettings,
-    tracks: tracker::Settings,
+    tracks: tracker::TrackerSettings,
     frames: &[(i64, Detections)],
     link: Link,
-) -> (usize, Onboard) {
+) -> (usize, Lookout) {
     let camera = Simulator::new(settings).camera().camera().unwrap();
-    let mut onboard = Onboard::new(camera, tracks, Default::default(), Default::default(), 0);
-    let mut telemetry = Telemetry::of(settings).peekable();
+    let mut onboard = Lookout::new(camera, tracks, Default::default(), Default::default(), 0);
+    let mut telemetry = FlightTelemetry::of(settings).peekable();
     let (mut now, mut next_us, mut count) = (0, 0, 0);
     for (time_us, found) in frames {
         while now < time_us + LATENCY_US {
@@ -93,10 +93,10 @@ const ALL: Link = Link { attitude_us: 0, gyroscope: false, ground: true };
 
 #[test]
 fn the_pictures_motion_carries_rare_attitudes() {
-    let settings = SimulateSettings { kind: Kind::Collision, ..SimulateSettings::default() };
+    let settings = SimulateSettings { kind: Manoeuvre::Collision, ..SimulateSettings::default() };
     let file = ModelFile::load(None).unwrap();
     let model = file.parse().unwrap();
-    let tracks = tracker::Settings::calibrated(model.calibration());
+    let tracks = tracker::TrackerSettings::calibrated(model.calibration());
     let args = DetectorArgs { threshold: Some(tracks.keep_score), ..DetectorArgs::default() };
     let config = args.config(&model, settings.width as usize, settings.height as usize).unwrap();
     let mut memory = Memory::new(&config);
@@ -153,14 +153,14 @@ fn ideal(settings: &SimulateSettings) -> Vec<(i64, Detections)> {
 #[test]
 fn angular_velocities_carry_rare_attitudes_and_what_is_lost_is_said() {
     let settings = SimulateSettings {
-        kind: Kind::Hover,
+        kind: Manoeuvre::Hover,
         width: 320,
         height: 240,
         seconds: 8.0,
         ..SimulateSettings::default()
     };
     let frames = ideal(&settings);
-    let flown = |link| reports(&settings, tracker::Settings::default(), &frames, link);
+    let flown = |link| reports(&settings, tracker::TrackerSettings::default(), &frames, link);
     let (often, onboard) = flown(Link { ground: false, ..ALL });
     assert!(often >= 10, "{often} reports with every attitude");
     assert_eq!(unplaced(&onboard), None);

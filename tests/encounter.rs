@@ -5,15 +5,15 @@ use lookout::detector::detection::{Detection, SHIFTS, Shift};
 use lookout::image::Rect;
 use lookout::mavlink::component::{Outgoing, Trust};
 use lookout::mavlink::dialect::*;
-use lookout::mavlink::lookout::Onboard;
+use lookout::mavlink::lookout::Lookout;
 use lookout::shell::formats::camera_file::CameraFile;
 use lookout::shell::link::Links;
 use lookout::shell::pipeline::{DetectorArgs, Memory, ModelFile};
 use lookout::shell::simulate::source::Simulated;
-use lookout::shell::simulate::{Kind, SimulateSettings, Simulator, Telemetry};
+use lookout::shell::simulate::{FlightTelemetry, Manoeuvre, SimulateSettings, Simulator};
 use lookout::shell::sources::{Frame, FrameSource};
 use lookout::tracking::tracker;
-use lookout::tracking::traffic::{Level, Traffic};
+use lookout::tracking::traffic::{AlertLevel, Traffic};
 use mavlink_core::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message};
 use std::net::UdpSocket;
 use std::time::Duration;
@@ -55,7 +55,7 @@ fn heartbeats<'a>(said: impl IntoIterator<Item = &'a (i64, MavMessage)>) -> Vec<
 /// The shipped detector on a simulated collision, its messages through a real socket.
 #[test]
 fn a_collision_from_pixels_to_datagrams() {
-    let settings = SimulateSettings { kind: Kind::Collision, ..SimulateSettings::default() };
+    let settings = SimulateSettings { kind: Manoeuvre::Collision, ..SimulateSettings::default() };
     let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
     receiver.set_read_timeout(Some(Duration::from_millis(300))).unwrap();
     let spec = format!("udpout:{}", receiver.local_addr().unwrap());
@@ -77,18 +77,18 @@ fn a_collision_from_pixels_to_datagrams() {
     });
 
     let camera = Simulator::new(&settings).camera().camera().unwrap();
-    let mut telemetry = Telemetry::of(&settings).peekable();
+    let mut telemetry = FlightTelemetry::of(&settings).peekable();
     let file = ModelFile::load(None).unwrap();
     let model = file.parse().unwrap();
-    let tracks = tracker::Settings::calibrated(model.calibration());
-    let mut onboard = Onboard::new(camera, tracks, Default::default(), Default::default(), 0);
+    let tracks = tracker::TrackerSettings::calibrated(model.calibration());
+    let mut onboard = Lookout::new(camera, tracks, Default::default(), Default::default(), 0);
     let args = DetectorArgs { threshold: Some(tracks.keep_score), ..DetectorArgs::default() };
     let config = args.config(&model, settings.width as usize, settings.height as usize).unwrap();
     let mut memory = Memory::new(&config);
     let mut detector = memory.detector(&model, config).unwrap();
     let (mut source, mut frame) = (Simulated::new(&settings), Frame::default());
     let (mut now, mut said, mut levels) = (0, Vec::new(), Vec::new());
-    let mut until = |now: &mut i64, end: i64, onboard: &mut Onboard| {
+    let mut until = |now: &mut i64, end: i64, onboard: &mut Lookout| {
         while *now < end {
             *now = (*now + TICK_US).min(end);
             while let Some((time, frame)) = telemetry.next_if(|(time, _)| time <= now) {
@@ -121,7 +121,7 @@ fn a_collision_from_pixels_to_datagrams() {
     }
     // How far it rises is the model's; that it only rises is not.
     let highest = levels.iter().max().copied().unwrap_or_default();
-    assert!(highest >= Level::Caution, "{highest:?} in {} frames", levels.len());
+    assert!(highest >= AlertLevel::Caution, "{highest:?} in {} frames", levels.len());
     let severities: Vec<u8> = said
         .iter()
         .filter_map(|(_, message)| match message {
@@ -154,7 +154,7 @@ fn a_collision_from_pixels_to_datagrams() {
 
 /// A vehicle and another one on its way, without pictures: level flight to the north, the other straight ahead.
 struct World {
-    onboard: Onboard,
+    onboard: Lookout,
     now: i64,
     next_frame: i64,
     said: Vec<(i64, u8, MavMessage)>,
@@ -185,9 +185,9 @@ impl World {
             kind: None,
         };
         let camera = camera.camera().unwrap();
-        let tracks = tracker::Settings::default();
+        let tracks = tracker::TrackerSettings::default();
         Self {
-            onboard: Onboard::new(camera, tracks, Default::default(), Default::default(), 0),
+            onboard: Lookout::new(camera, tracks, Default::default(), Default::default(), 0),
             now: 0,
             next_frame: 0,
             said: Vec::new(),
@@ -367,7 +367,8 @@ fn attitudes_that_are_late_or_missing() {
         let mut world = World::new();
         (world.late, world.attitude, world.closing) = (late, attitude, 5.0);
         world.fly(7.0);
-        let warned = world.seen.iter().find(|(_, t)| t.iter().any(|t| t.level == Level::Warning));
+        let warned =
+            world.seen.iter().find(|(_, t)| t.iter().any(|t| t.level == AlertLevel::Warning));
         let (time, _) =
             warned.unwrap_or_else(|| panic!("late {late}, there {attitude}: no warning"));
         let before = 8.0 - *time as f64 / 1e6;
@@ -417,7 +418,7 @@ fn strange_frames_among_the_good_ones() {
     }
     assert!(world.in_world());
     assert_eq!(world.onboard.component().autopilot().map(|own| own.system_id), Some(1));
-    let warned = world.seen.iter().any(|(_, t)| t.iter().any(|t| t.level > Level::Traffic));
+    let warned = world.seen.iter().any(|(_, t)| t.iter().any(|t| t.level > AlertLevel::Traffic));
     assert!(!warned, "the other one keeps its distance");
     assert!(world.adsb(6 * SECOND).is_some());
     println!("500 strange frames a second for 5 s: {:?}", world.onboard.component().counters());

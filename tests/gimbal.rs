@@ -8,10 +8,10 @@ use lookout::detector::Detections;
 use lookout::detector::detection::{Detection, Shift};
 use lookout::image::Rect;
 use lookout::math::real::{PI, Real, Vector};
-use lookout::mavlink::component::{Component, Config, Event, Trust};
+use lookout::mavlink::component::{Component, ComponentConfig, ComponentEvent, Trust};
 use lookout::mavlink::dialect::*;
-use lookout::mavlink::lookout::Onboard;
-use lookout::mavlink::placing::{Cause, News};
+use lookout::mavlink::lookout::Lookout;
+use lookout::mavlink::placing::{News, UnplacedCause};
 use lookout::tracking::tracker;
 use mavlink_core::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader};
 
@@ -43,7 +43,7 @@ fn raw(component: u8, message: &MavMessage) -> MAVLinkMessageRaw {
 
 /// A vehicle that turns, pitches and rolls, its camera on a gimbal that looks steadily to the north-east and 10 degrees down.
 struct Flight {
-    onboard: Onboard,
+    onboard: Lookout,
     /// As the gimbal reports yaw.
     from_north: bool,
     gimbal: bool,
@@ -53,7 +53,7 @@ struct Flight {
     frame: i64,
     reports: Vec<(i64, ADSB_VEHICLE_DATA)>,
     texts: Vec<String>,
-    events: Vec<Event>,
+    events: Vec<ComponentEvent>,
     /// Bearings of confirmed objects from the vehicle's nose, degrees, and what they should be.
     bearings: Vec<(f64, f64)>,
 }
@@ -70,9 +70,9 @@ fn object() -> Vector {
 impl Flight {
     fn new(from_north: bool) -> Self {
         let camera = Camera::from_field_of_view(640, 480, degrees(60.0)).unwrap();
-        let config = Config { gimbal: true, ..Config::default() };
-        let tracks = tracker::Settings::default();
-        let onboard = Onboard::new(camera, tracks, config, Default::default(), 0);
+        let config = ComponentConfig { gimbal: true, ..ComponentConfig::default() };
+        let tracks = tracker::TrackerSettings::default();
+        let onboard = Lookout::new(camera, tracks, config, Default::default(), 0);
         Self {
             onboard,
             from_north,
@@ -259,10 +259,10 @@ fn a_silent_gimbal_puts_nothing_on_the_map_and_is_reported() {
     assert!(!flight.onboard.is_pointed() && flight.onboard.camera_on_vehicle().is_none());
     let text = "Lookout: gimbal silent, no traffic on the map";
     assert_eq!(flight.texts.iter().filter(|words| *words == text).count(), 1);
-    assert!(flight.events.contains(&Event::Map(News::Lost(Cause::Gimbal))));
+    assert!(flight.events.contains(&ComponentEvent::Map(News::Lost(UnplacedCause::Gimbal))));
     assert_eq!(
         flight.onboard.placing().counts().worst().map(|(cause, _)| cause),
-        Some(Cause::Gimbal)
+        Some(UnplacedCause::Gimbal)
     );
     // It is back.
     flight.gimbal = true;
@@ -320,7 +320,8 @@ fn the_cameras_own_field_of_view() {
     flight.hear(100, &told(20.1));
     flight.fly(0.5);
     assert!(flight.bearings.len() > tracked + 10);
-    let views = flight.events.iter().filter(|event| matches!(event, Event::FieldOfView { .. }));
+    let views =
+        flight.events.iter().filter(|event| matches!(event, ComponentEvent::FieldOfView { .. }));
     assert_eq!(views.count(), 1);
     // Frames of another size: the same view.
     flight.onboard.set_camera(Camera::from_field_of_view(1280, 720, degrees(60.0)).unwrap());

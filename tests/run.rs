@@ -10,7 +10,7 @@ mod live;
 
 use live::{ACTIVE, CRITICAL, Fault, Faults, Ground, MODEL, PATIENCE, Run, drawn, listed};
 use lookout::mavlink::dialect::MavMessage;
-use lookout::shell::live::source::{LiveError, LiveSource, Open, Taken};
+use lookout::shell::live::source::{CaptureInfo, LiveError, LiveSource, OpenSource};
 use lookout::shell::sources::Frame;
 use serde_json::Value;
 use std::fs;
@@ -195,7 +195,7 @@ struct Stretched {
 }
 
 impl LiveSource for Stretched {
-    fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<Taken, LiveError> {
+    fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<CaptureInfo, LiveError> {
         let taken = self.source.next(frame, timeout)?;
         self.frames += 1;
         frame.time_us = self.frames * 300_000;
@@ -210,7 +210,7 @@ fn later_segments_replay_bit_for_bit() {
     let ground = Ground::default();
     let faults = Faults::default();
     let open = drawn(SIZE, Duration::from_millis(20), 300, &faults);
-    let stretched: Box<Open> = Box::new(move |config, heard| {
+    let stretched: Box<OpenSource> = Box::new(move |config, heard| {
         Ok(Box::new(Stretched { source: open(config, heard)?, frames: 0 }))
     });
     let more = format!("record = '{}'\nrecord_minutes = 60\n", record.display());

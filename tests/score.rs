@@ -1,7 +1,7 @@
 //! Our scorer against the independent one, and by hand.
 #![cfg(feature = "std")]
 
-use lookout::shell::evaluate::score::{Found, Report, Scorer, WARMUP};
+use lookout::shell::evaluate::score::{AccuracyReport, DetectionRecord, Scorer, WARMUP};
 use lookout::shell::formats::clips::GroundTruth;
 use lookout::shell::formats::detections::read_mot;
 use serde_json::Value;
@@ -16,11 +16,11 @@ fn truth(text: &str) -> GroundTruth {
     GroundTruth::parse(text, Path::new("gt.txt")).unwrap()
 }
 
-fn found(frame: u64, rect: [f64; 4], score: f64) -> Found {
-    Found { frame, rect, score }
+fn found(frame: u64, rect: [f64; 4], score: f64) -> DetectionRecord {
+    DetectionRecord { frame, rect, score }
 }
 
-fn report(truth: &GroundTruth, found: &[Found]) -> Report {
+fn report(truth: &GroundTruth, found: &[DetectionRecord]) -> AccuracyReport {
     let mut scorer = Scorer::new(0.5, 0);
     scorer.add_clip(truth, found);
     scorer.report()

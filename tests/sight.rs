@@ -4,7 +4,7 @@
 #![cfg(feature = "std")]
 
 use lookout::mavlink::messages::Blind;
-use lookout::shell::live::image_health::{Measures, Sight};
+use lookout::shell::live::image_health::{ImageHealth, Measures};
 use lookout::shell::sources::{self, Frame};
 use std::path::Path;
 use std::sync::Arc;
@@ -60,7 +60,7 @@ fn recorded_flights_are_seen_and_out_of_focus_they_are_not() {
         for folder in folders.iter().step_by(step) {
             clips += 1;
             let frames = frames(folder);
-            let mut sight = Sight::default();
+            let mut sight = ImageHealth::default();
             let blind: Vec<Blind> = frames.iter().map(|frame| sight.judge(frame)).collect();
             let name = folder.file_name().unwrap().to_str().unwrap();
             if env::var_os("LOOKOUT_MEASURE").is_some() {
@@ -84,7 +84,7 @@ fn recorded_flights_are_seen_and_out_of_focus_they_are_not() {
             assert!(blind.iter().all(|blind| !blind.any()), "{name}: {blind:?}");
             // Where there are edges at all, sharp ones are distinguished from soft ones.
             let edges = Measures::of(&frames[frames.len() / 2]).steep.is_some();
-            let mut sight = Sight::default();
+            let mut sight = ImageHealth::default();
             let soft = |frame: &Arc<Frame>| sight.judge(&Arc::new(blurred(frame, 6.0)));
             let soft: Vec<Blind> = frames.iter().take(4).map(soft).collect();
             match soft.last() {

@@ -10,7 +10,9 @@ mod live;
 
 use live::{ACTIVE, CRITICAL, Ground};
 use lookout::shell::sources::Frame;
-use lookout::shell::sources::v4l2::{Camera, CameraError, PixelFormat, Settings, Taken};
+use lookout::shell::sources::v4l2::{
+    CameraSettings, DriverInfo, PixelFormat, V4l2Camera, V4l2Error,
+};
 use lookout::shell::support::clock::now_us;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -49,15 +51,15 @@ impl Vivid {
         Some(Self { path: Path::new("/dev").join(node.file_name()?), _only: only })
     }
 
-    fn try_open(&self, settings: &Settings) -> Result<Camera, CameraError> {
-        Camera::open(&self.path, settings)
+    fn try_open(&self, settings: &CameraSettings) -> Result<V4l2Camera, V4l2Error> {
+        V4l2Camera::open(&self.path, settings)
     }
 
-    fn open(&self, format: PixelFormat) -> Camera {
+    fn open(&self, format: PixelFormat) -> V4l2Camera {
         self.try_open(&settings(Some(format))).unwrap()
     }
 
-    fn refusal(&self, settings: &Settings) -> String {
+    fn refusal(&self, settings: &CameraSettings) -> String {
         let error = self.try_open(settings).unwrap_err();
         assert!(!error.is_gone(), "{error}");
         let text = error.to_string();
@@ -65,7 +67,7 @@ impl Vivid {
     }
 
     /// Opens the camera again and again, as the live loop does.
-    fn reopen(&self) -> Camera {
+    fn reopen(&self) -> V4l2Camera {
         let start = Instant::now();
         loop {
             match self.try_open(&settings(Some(PixelFormat::Grey))) {
@@ -78,7 +80,7 @@ impl Vivid {
 }
 
 /// A camera without the faults and pictures that another test may have left behind.
-fn settings(format: Option<PixelFormat>) -> Settings {
+fn settings(format: Option<PixelFormat>) -> CameraSettings {
     let controls = [
         ("percentage_of_dropped_buffers", 0),
         // Time of the frame's start: its end is not yet when the frame is given out.
@@ -87,21 +89,27 @@ fn settings(format: Option<PixelFormat>) -> Settings {
         ("test_pattern", 0),
     ];
     let controls = controls.map(|(name, value)| (name.to_owned(), value));
-    Settings { width: 640, height: 360, rate: Some(25), format, controls: BTreeMap::from(controls) }
+    CameraSettings {
+        width: 640,
+        height: 360,
+        rate: Some(25),
+        format,
+        controls: BTreeMap::from(controls),
+    }
 }
 
-fn with_control(name: &str, value: i64) -> Settings {
+fn with_control(name: &str, value: i64) -> CameraSettings {
     let mut settings = settings(None);
     settings.controls.insert(name.to_owned(), value);
     settings
 }
 
-fn next(camera: &mut Camera, frame: &mut Frame) -> Taken {
+fn next(camera: &mut V4l2Camera, frame: &mut Frame) -> DriverInfo {
     camera.next(frame, PATIENT).unwrap()
 }
 
 /// Frames until that error, which must come soon.
-fn until_error(camera: &mut Camera) -> CameraError {
+fn until_error(camera: &mut V4l2Camera) -> V4l2Error {
     let mut frame = Frame::default();
     let start = Instant::now();
     while start.elapsed() < PATIENT {
@@ -152,7 +160,8 @@ fn black_and_white_fill_the_range_in_every_format() {
     for (pattern, expected) in [(5, 0), (6, 255)] {
         for format in [PixelFormat::Grey, PixelFormat::Nv12, PixelFormat::Yuyv, PixelFormat::Uyvy] {
             let wanted = with_control("test_pattern", pattern);
-            let mut camera = vivid.try_open(&Settings { format: Some(format), ..wanted }).unwrap();
+            let mut camera =
+                vivid.try_open(&CameraSettings { format: Some(format), ..wanted }).unwrap();
             let mut frame = Frame::default();
             next(&mut camera, &mut frame);
             let odd = frame.pixels.iter().find(|pixel| pixel.abs_diff(expected) > 1);
@@ -169,7 +178,7 @@ fn the_best_format_is_taken_and_the_impossible_refused() {
     let busy = vivid.refusal(&settings(None));
     assert!(busy.starts_with("another program uses the camera"), "{busy}");
     drop(camera);
-    let odd_size = Settings { width: 641, ..settings(None) };
+    let odd_size = CameraSettings { width: 641, ..settings(None) };
     assert_eq!(
         vivid.refusal(&odd_size),
         "the camera has no 641x360 in GREY; the nearest is 640x360"
@@ -206,7 +215,7 @@ fn controls_are_set_by_name_before_and_between_frames() {
     let mut frame = Frame::default();
     camera.set_control("test_pattern", 6).unwrap();
     camera.set_control("brightness", 128).unwrap();
-    let mut lightest = |camera: &mut Camera| {
+    let mut lightest = |camera: &mut V4l2Camera| {
         // The frames on their way are older.
         for _ in 0..6 {
             next(camera, &mut frame);
@@ -236,9 +245,9 @@ fn a_pause_is_waited_for_and_gone_on_after() {
             Err(error) => break error,
         }
     };
-    assert!(matches!(error, CameraError::Timeout) && !error.is_gone(), "{error}");
+    assert!(matches!(error, V4l2Error::Timeout) && !error.is_gone(), "{error}");
     let start = Instant::now();
-    assert!(matches!(camera.next(&mut frame, short), Err(CameraError::Timeout)));
+    assert!(matches!(camera.next(&mut frame, short), Err(V4l2Error::Timeout)));
     assert!(start.elapsed() >= short && start.elapsed() < 3 * short, "{:?}", start.elapsed());
     camera.set_control("percentage_of_dropped_buffers", 0).unwrap();
     missed += next(&mut camera, &mut frame).missed;
@@ -253,7 +262,7 @@ fn frames_that_are_lost_or_damaged_are_counted() {
     let mut camera = vivid.open(PixelFormat::Yuyv);
     let mut frame = Frame::default();
     camera.set_control("percentage_of_dropped_buffers", 50).unwrap();
-    let taken: Vec<Taken> = (0..20).map(|_| next(&mut camera, &mut frame)).collect();
+    let taken: Vec<DriverInfo> = (0..20).map(|_| next(&mut camera, &mut frame)).collect();
     let missed: u32 = taken.iter().map(|taken| taken.missed).sum();
     assert!(missed >= 5, "{missed} missed");
     camera.set_control("percentage_of_dropped_buffers", 0).unwrap();
@@ -285,7 +294,7 @@ fn a_camera_that_breaks_down_is_gone_and_works_when_opened_again() {
         next(&mut camera, &mut Frame::default());
         camera.set_control(fault, 1).unwrap();
         let error = until_error(&mut camera);
-        assert!(matches!(error, CameraError::Gone { .. }) && error.is_gone(), "{fault}: {error}");
+        assert!(matches!(error, V4l2Error::Gone { .. }) && error.is_gone(), "{fault}: {error}");
         let text = error.to_string();
         assert!(text.starts_with(&format!("{}: the camera is gone: ", vivid.path.display())));
         drop(camera);
@@ -323,7 +332,7 @@ fn a_camera_that_is_unplugged_comes_back() {
     drop(camera);
     assert!(!vivid.path.exists());
     let error = vivid.try_open(&settings(None)).unwrap_err();
-    assert!(matches!(error, CameraError::Open { .. }) && error.is_gone(), "{error}");
+    assert!(matches!(error, V4l2Error::Open { .. }) && error.is_gone(), "{error}");
     bind("bind").unwrap();
     let mut camera = vivid.reopen();
     next(&mut camera, &mut Frame::default());

@@ -2,16 +2,16 @@
 
 use fixed::types::I28F4;
 use lookout::camera::attitude::Attitude;
-use lookout::camera::attitude_buffer::Attitudes;
+use lookout::camera::attitude_buffer::AttitudeBuffer;
 use lookout::camera::{Camera, Intrinsics};
 use lookout::detector::detection::{Detection, SHIFTS, Shift};
 use lookout::image::Rect;
 use lookout::math::real::Real;
 use lookout::model::calibration::{self, Calibration, Knot};
-use lookout::registration::global_motion::Motion;
+use lookout::registration::global_motion::GlobalMotion;
 use lookout::tracking::tracker;
-use lookout::tracking::traffic::{Level, MAX_TRAFFIC, Traffic};
-use lookout::tracking::{Settings, Watch};
+use lookout::tracking::traffic::{AlertLevel, MAX_TRAFFIC, Traffic};
+use lookout::tracking::{TrafficMonitor, TrafficSettings};
 use proptest::prelude::*;
 
 const FOCAL: f64 = 560.0;
@@ -56,7 +56,7 @@ fn seen(place: [f64; 3], time: f64) -> (f64, f64) {
 }
 
 /// The motion of a distant background from a frame to the one before.
-fn background(time: f64, dt: f64) -> Motion {
+fn background(time: f64, dt: f64) -> GlobalMotion {
     // Exact at the first order: shift, turn and scale from three points.
     let at = |x: f64, y: f64| {
         let camera = camera();
@@ -70,7 +70,7 @@ fn background(time: f64, dt: f64) -> Motion {
     let unit = 512.0 / half;
     let parameters =
         [a, d, (a1 - a) * unit, (a2 - a) * unit, (d1 - d) * unit, (d2 - d) * unit, 0.0, 0.0];
-    Motion::new(640, 480, parameters.map(|v| (v * 65536.0) as i32))
+    GlobalMotion::new(640, 480, parameters.map(|v| (v * 65536.0) as i32))
 }
 
 struct Encounter {
@@ -118,8 +118,8 @@ impl Encounter {
         with_attitude: bool,
         mut change: impl FnMut(u64, Detection) -> Vec<Detection>,
     ) -> Vec<Vec<Traffic>> {
-        let mut watch = Watch::new(Settings::default(), camera());
-        let mut attitudes = Attitudes::new();
+        let mut watch = TrafficMonitor::new(TrafficSettings::default(), camera());
+        let mut attitudes = AttitudeBuffer::new();
         (0..frames)
             .map(|frame| {
                 let time = frame as f64 / 30.0;
@@ -144,7 +144,7 @@ const RECEDING: Encounter =
     Encounter { start: [20.0, 2.0, 2.0], velocity: [6.0, 0.5, 0.0], span: 1.2 };
 const HOVER: Encounter = Encounter { start: [25.0, 3.0, 2.0], velocity: [0.0; 3], span: 1.2 };
 
-fn highest(flight: &[Vec<Traffic>]) -> Level {
+fn highest(flight: &[Vec<Traffic>]) -> AlertLevel {
     flight.iter().flatten().map(|t| t.level).max().unwrap_or_default()
 }
 
@@ -156,14 +156,14 @@ fn num(value: impl fixed::traits::ToFixed) -> f64 {
 fn a_collision_is_warned_of_in_time_and_others_are_not() {
     for with_attitude in [true, false] {
         let flight = COLLISION.fly(200, with_attitude, |_, d| vec![d]);
-        let first = flight.iter().position(|f| f.iter().any(|t| t.level == Level::Warning));
+        let first = flight.iter().position(|f| f.iter().any(|t| t.level == AlertLevel::Warning));
         let before = 7.3 - first.expect("a warning") as f64 / 30.0;
         assert!((2.5..7.0).contains(&before), "{before} s before contact");
         for other in [CROSSING, RECEDING, HOVER] {
             let flight = other.fly(150, with_attitude, |_, d| vec![d]);
             let level = highest(&flight);
             assert!(
-                level < Level::Warning && level >= Level::Traffic,
+                level < AlertLevel::Warning && level >= AlertLevel::Traffic,
                 "{level:?} {:?}",
                 other.velocity
             );
@@ -226,8 +226,8 @@ fn a_gap_is_bridged_and_a_long_one_ends_the_track() {
 
 #[test]
 fn time_and_attitude_that_jump_leave_nothing_stale() {
-    let mut watch = Watch::new(Settings::default(), camera());
-    let mut attitudes = Attitudes::new();
+    let mut watch = TrafficMonitor::new(TrafficSettings::default(), camera());
+    let mut attitudes = AttitudeBuffer::new();
     let mut step = |frame: u64, time_us: i64, known: bool| {
         let time = frame as f64 / 30.0;
         if known {
@@ -253,13 +253,13 @@ fn time_and_attitude_that_jump_leave_nothing_stale() {
             assert!(off < 0.01, "frame {frame}: {off} rad");
         }
         if frame == 169 {
-            assert_eq!(traffic[0].level, Level::Warning);
+            assert_eq!(traffic[0].level, AlertLevel::Warning);
         }
     }
     // The clock is set back, then far ahead: every warning has to be earned anew.
     for (frame, time_us) in [(170, -1_000_000_000), (171, 1_000_000_000_000)] {
         let traffic = step(frame, time_us, true);
-        assert!(traffic.iter().all(|t| !t.confirmed && t.level == Level::None));
+        assert!(traffic.iter().all(|t| !t.confirmed && t.level == AlertLevel::None));
     }
     // Between attitudes the clock jumps: no direction in the world outlives it.
     let world = |traffic: Vec<Traffic>| traffic[0].ned.is_some();
@@ -274,8 +274,8 @@ fn time_and_attitude_that_jump_leave_nothing_stale() {
 
 #[test]
 fn attitudes_that_were_forgotten_carry_nothing_on() {
-    let mut watch = Watch::new(Settings::default(), camera());
-    let mut attitudes = Attitudes::new();
+    let mut watch = TrafficMonitor::new(TrafficSettings::default(), camera());
+    let mut attitudes = AttitudeBuffer::new();
     for frame in 0..60 {
         let time = frame as f64 / 30.0;
         let time_us = frame as i64 * FRAME_US;
@@ -300,7 +300,7 @@ fn a_model_s_calibration_says_what_makes_a_track() {
         let knot = |&(score, percent)| Knot { score, precision: calibration::ONE / 100 * percent };
         knots.iter().flat_map(|k| knot(k).encode()).collect()
     };
-    let default = tracker::Settings::default();
+    let default = tracker::TrackerSettings::default();
     let none = [default.start_score, default.confirm_score, default.keep_score];
     for (table, [start_score, confirm_score, keep_score]) in [
         (&[(-500, 10), (-400, 40), (-100, 49), (300, 51), (400, 99)][..], [300, 400, -400]),
@@ -313,10 +313,10 @@ fn a_model_s_calibration_says_what_makes_a_track() {
         (&[], none),
     ] {
         let bytes = knots(table);
-        let settings = tracker::Settings::calibrated(&Calibration::parse(&bytes).unwrap());
+        let settings = tracker::TrackerSettings::calibrated(&Calibration::parse(&bytes).unwrap());
         assert_eq!(
             settings,
-            tracker::Settings { start_score, confirm_score, keep_score, ..default }
+            tracker::TrackerSettings { start_score, confirm_score, keep_score, ..default }
         );
     }
 }
@@ -324,7 +324,7 @@ fn a_model_s_calibration_says_what_makes_a_track() {
 #[test]
 fn weak_detections_alone_confirm_nothing() {
     let encounter = Encounter { start: [40.0, 3.0, -2.0], velocity: [0.0, 1.0, 0.2], span: 1.0 };
-    let Settings { track: scores, .. } = Settings::default();
+    let TrafficSettings { track: scores, .. } = TrafficSettings::default();
     let between = (scores.start_score + scores.confirm_score) / 2;
     // Where there is nothing in two frames of three, the scores of the third say little.
     for (score, every, confirmed) in [(between, 1, false), (0, 1, true), (0, 3, false)] {
@@ -352,7 +352,7 @@ fn a_part_of_what_is_known_is_no_object() {
 
 #[test]
 fn more_objects_than_there_is_room_for() {
-    let mut watch = Watch::new(Settings::default(), camera());
+    let mut watch = TrafficMonitor::new(TrafficSettings::default(), camera());
     let many: Vec<Detection> = (0..40)
         .map(|i| {
             let [x, y] = [i % 8 * 70 + 20, i / 8 * 80 + 20].map(I28F4::from_num::<i32>);
@@ -366,7 +366,7 @@ fn more_objects_than_there_is_room_for() {
             }
         })
         .collect();
-    let first = watch.update(&many, 0, &Motion::IDENTITY, &Attitudes::new());
+    let first = watch.update(&many, 0, &GlobalMotion::IDENTITY, &AttitudeBuffer::new());
     assert_eq!((first.len(), watch.dropped()), (MAX_TRAFFIC, 40 - MAX_TRAFFIC as u32));
     let mut ids: Vec<u16> = first.iter().map(|t| t.id).collect();
     ids.sort_unstable();
@@ -380,7 +380,7 @@ fn more_objects_than_there_is_room_for() {
 fn longest_alert_without_detection(traffic: &[Vec<Traffic>]) -> usize {
     let (mut run, mut longest) = (0, 0);
     for frame in traffic {
-        let held = frame.iter().any(|t| t.coasting && t.level >= Level::Caution);
+        let held = frame.iter().any(|t| t.coasting && t.level >= AlertLevel::Caution);
         run = if held { run + 1 } else { 0 };
         longest = longest.max(run);
     }
@@ -392,7 +392,10 @@ fn longest_alert_without_detection(traffic: &[Vec<Traffic>]) -> usize {
 fn an_alert_ends_with_its_evidence() {
     let head_on = Encounter { start: [70.0, 0.0, 0.0], velocity: [-15.0, 0.0, 0.0], span: 1.0 };
     let warned = |traffic: &[Vec<Traffic>]| {
-        traffic.iter().position(|frame| frame.iter().any(|t| t.level == Level::Warning)).unwrap()
+        traffic
+            .iter()
+            .position(|frame| frame.iter().any(|t| t.level == AlertLevel::Warning))
+            .unwrap()
     };
     let full = head_on.fly(120, true, |_, d| vec![d]);
     let lost = warned(&full) as u64 + 5;
@@ -406,7 +409,10 @@ fn an_alert_ends_with_its_evidence() {
     });
     let after = &flicker[lost as usize + 15..];
     assert!(after.iter().flatten().any(|t| t.confirmed), "the track lives on");
-    assert!(after.iter().flatten().all(|t| t.level <= Level::Traffic), "no evidence, no alert");
+    assert!(
+        after.iter().flatten().all(|t| t.level <= AlertLevel::Traffic),
+        "no evidence, no alert"
+    );
 }
 
 #[test]
@@ -429,7 +435,7 @@ proptest! {
         (any::<i64>(), proptest::collection::vec((any::<[i32; 4]>(), any::<i32>(), any::<[i32; 6]>()), 0..20), any::<[i32; 8]>(), any::<[i64; 4]>(), any::<bool>()),
         1..12,
     ), wild: bool, settings: [i64; 12], (width, height, focal) in (1..=65535u32, 1..=65535u32, 0..=10u32)) {
-        let mut chosen = Settings::default();
+        let mut chosen = TrafficSettings::default();
         if wild {
             let [a, b, c, d, e, f, g, h, i, j, k, l] = settings;
             let real = Real::from_bits;
@@ -450,8 +456,8 @@ proptest! {
         let focal = Real::from_num(width.max(height)) * (1 << focal) / 16;
         let intrinsics = Intrinsics { width, height, focal: [focal; 2], ..*camera().intrinsics() };
         let any = Camera::new(intrinsics).ok().filter(|_| wild);
-        let mut watch = Watch::new(chosen, any.unwrap_or(camera()));
-        let mut attitudes = Attitudes::new();
+        let mut watch = TrafficMonitor::new(chosen, any.unwrap_or(camera()));
+        let mut attitudes = AttitudeBuffer::new();
         let mut time = 0i64;
         for (step, found, motion, q, sane) in frames {
             time = if sane { time.wrapping_add(step.rem_euclid(1 << 17)) } else { step };
@@ -464,7 +470,7 @@ proptest! {
                 let shift = |i: usize| Shift { x: I28F4::from_bits(shifts[2 * i] / shrink), y: I28F4::from_bits(shifts[2 * i + 1] / shrink) };
                 Detection { rect: Rect { x, y, width, height }, score, frame_score: score, shifts: core::array::from_fn(shift) }
             }).collect();
-            let motion = Motion::new(640, 480, motion);
+            let motion = GlobalMotion::new(640, 480, motion);
             // The same frame again: tracks are met, and time stands still.
             for time in [time, time.saturating_add(30_000), time.saturating_add(30_000)] {
                 let traffic = watch.update(&found, time, &motion, &attitudes);

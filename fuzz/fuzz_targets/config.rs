@@ -2,13 +2,14 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lookout::shell::live::config::{self, Config};
+use lookout::shell::live::config::{self, ServiceConfig};
 use std::path::Path;
 
 fuzz_target!(|text: &str| {
     let path = Path::new("lookout.toml");
-    let Ok(config) = Config::parse(path, text) else { return };
+    let Ok(config) = ServiceConfig::parse(path, text) else { return };
     let printed = config::print(Some(&config));
-    let again = Config::parse(path, &printed).unwrap_or_else(|error| panic!("{error}\n{printed}"));
+    let again =
+        ServiceConfig::parse(path, &printed).unwrap_or_else(|error| panic!("{error}\n{printed}"));
     assert!(config.changes(&again).is_empty(), "{printed}");
 });

@@ -12,10 +12,10 @@ use lookout::detector::detection::Detection;
 use lookout::image::Rect;
 use lookout::math::real::Real;
 use lookout::mavlink::component::parameters::Parameters;
-use lookout::mavlink::component::{Config, Trust};
-use lookout::mavlink::dialect::{Frames, MavMessage};
-use lookout::mavlink::lookout::Onboard;
-use lookout::tracking::tracker::Settings;
+use lookout::mavlink::component::{ComponentConfig, Trust};
+use lookout::mavlink::dialect::{ArduPilotFrames, MavMessage};
+use lookout::mavlink::lookout::Lookout;
+use lookout::tracking::tracker::TrackerSettings;
 use lookout_fuzz::Input;
 use mavlink_core::{Dialect, MAV_STX_V2, MAVLinkMessageRaw, MavlinkReader};
 
@@ -23,15 +23,20 @@ fuzz_target!(|data: &[u8]| {
     let mut input = Input(data);
     let camera = Camera::from_field_of_view(640, 480, Real::from_num(1))
         .expect("a radian is a field of view");
-    let mut lookout =
-        Onboard::new(camera, Settings::default(), Config::default(), Parameters::default(), 0);
+    let mut lookout = Lookout::new(
+        camera,
+        TrackerSettings::default(),
+        ComponentConfig::default(),
+        Parameters::default(),
+        0,
+    );
     let (mut now_us, mut stream) = (1_000_000i64, Vec::new());
     while !input.is_empty() {
         step(&mut input, &mut stream, &mut lookout, &mut now_us);
     }
 });
 
-fn step(input: &mut Input<'_>, stream: &mut Vec<u8>, lookout: &mut Onboard, now_us: &mut i64) {
+fn step(input: &mut Input<'_>, stream: &mut Vec<u8>, lookout: &mut Lookout, now_us: &mut i64) {
     let command = input.byte();
     match command >> 5 {
         // A frame with its checksum.
@@ -43,7 +48,7 @@ fn step(input: &mut Input<'_>, stream: &mut Vec<u8>, lookout: &mut Onboard, now_
             let trust = [Trust::Open, Trust::Signed, Trust::Unsigned, Trust::Forged]
                 [usize::from(command & 3)];
             let mut reader = MavlinkReader::new(stream.as_slice());
-            while let Ok(frame) = reader.read_any_raw_message_with_dialect(&Frames) {
+            while let Ok(frame) = reader.read_any_raw_message_with_dialect(&ArduPilotFrames) {
                 lookout.hear(command >> 2 & 3, &frame, trust, *now_us);
             }
             stream.clear();
@@ -59,7 +64,7 @@ fn step(input: &mut Input<'_>, stream: &mut Vec<u8>, lookout: &mut Onboard, now_
     }
     while let Some(message) = lookout.poll(*now_us) {
         let frame = message.payload.frame(message.system_id, message.component_id, 0, false);
-        assert!(Frames::has_valid_crc(&MAVLinkMessageRaw::V2(frame)), "{message:?}");
+        assert!(ArduPilotFrames::has_valid_crc(&MAVLinkMessageRaw::V2(frame)), "{message:?}");
     }
 }
 
@@ -72,7 +77,7 @@ fn frame(input: &mut Input<'_>) -> Vec<u8> {
     let mut frame = vec![MAV_STX_V2, payload.len() as u8, 0, 0, 0, system, component];
     frame.extend(&id.to_le_bytes()[..3]);
     frame.extend(payload);
-    let extra = Frames.extra_crc(id).expect("messages of the dialect are known");
+    let extra = ArduPilotFrames.extra_crc(id).expect("messages of the dialect are known");
     let checksum = mavlink_core::calculate_crc(&frame[1..], extra);
     frame.extend(checksum.to_le_bytes());
     frame

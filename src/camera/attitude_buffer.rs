@@ -34,10 +34,10 @@ const SET_BACK: i64 = 1_000_000;
 ///
 /// ```
 /// use lookout::camera::attitude::Attitude;
-/// use lookout::camera::attitude_buffer::Attitudes;
+/// use lookout::camera::attitude_buffer::AttitudeBuffer;
 /// use lookout::math::real::{ZERO, ratio};
 ///
-/// let mut attitudes = Attitudes::new();
+/// let mut attitudes = AttitudeBuffer::new();
 /// // Yaw 0 at 0 s and 0.2 rad at 0.1 s.
 /// attitudes.push(0, Attitude::from_euler(ZERO, ZERO, ZERO));
 /// attitudes.push(100_000, Attitude::from_euler(ZERO, ZERO, ratio(2, 10)));
@@ -48,7 +48,7 @@ const SET_BACK: i64 = 1_000_000;
 /// assert!(attitudes.at(300_000).is_none());
 /// ```
 #[derive(Debug, Clone, Default)]
-pub struct Attitudes {
+pub struct AttitudeBuffer {
     kept: heapless::Vec<(i64, Attitude), KEPT>,
     /// About the body's axes, radians a second.
     rates: heapless::Vec<(i64, [I16F16; 3]), RATES>,
@@ -77,7 +77,7 @@ fn insert<T, const N: usize>(kept: &mut heapless::Vec<(i64, T), N>, time_us: i64
     let _ = kept.insert(place, (time_us, value));
 }
 
-impl Attitudes {
+impl AttitudeBuffer {
     /// An empty buffer.
     pub const fn new() -> Self {
         Self { kept: heapless::Vec::new(), rates: heapless::Vec::new(), held: 0 }
@@ -105,7 +105,7 @@ impl Attitudes {
 
     /// The attitude at `time_us`: between the two nearest if these are at most 0.25 s apart; else, where angular velocities
     /// come at least every 0.15 s, from an attitude at most a second away on by these; else at most 0.06 s beyond the newest;
-    /// else, for [`Attitudes::held_for`], what it would be there; else `None`.
+    /// else, for [`AttitudeBuffer::held_for`], what it would be there; else `None`.
     pub fn at(&self, time_us: i64) -> Option<Attitude> {
         let place = self.kept.partition_point(|(time, _)| *time < time_us);
         if let Some((time, attitude)) = self.kept.get(place)
@@ -244,7 +244,7 @@ mod tests {
 
     #[test]
     fn between_beyond_and_too_old() {
-        let mut attitudes = Attitudes::new();
+        let mut attitudes = AttitudeBuffer::new();
         assert_eq!(attitudes.at(0), None);
         // Out of order: 0.1 rad/s at 20 a second.
         for step in [0, 2, 1, 4, 3] {
@@ -269,7 +269,7 @@ mod tests {
         assert_eq!(attitudes.at(600_000), None);
         assert!(close(attitudes.at(-5_000_000), 0.3));
         // Foretold for 0.06 s, then held.
-        let mut held = Attitudes::held_for(300_000);
+        let mut held = AttitudeBuffer::held_for(300_000);
         (0..3).for_each(|step| held.push(step * 100_000, yaw(0.1 * step as f64)));
         for (time, angle) in [(250_000, 0.25), (260_000, 0.26), (400_000, 0.26), (500_000, 0.26)] {
             assert!(close(held.at(time), angle), "{time}");
@@ -279,7 +279,7 @@ mod tests {
 
     #[test]
     fn a_rare_attitude_is_given_with_its_age() {
-        let mut attitudes = Attitudes::new();
+        let mut attitudes = AttitudeBuffer::new();
         assert_eq!(attitudes.isolated(0), None);
         for step in 0..3 {
             attitudes.push(step * 333_000, yaw(0.1 * step as f64));
@@ -298,7 +298,7 @@ mod tests {
             assert!(wanted.is_none_or(|(_, angle)| close(found.map(|(_, a)| a), angle)), "{time}");
         }
         // At the usual rate there is always a neighbour.
-        let mut attitudes = Attitudes::new();
+        let mut attitudes = AttitudeBuffer::new();
         (0..20).for_each(|step| attitudes.push(step * 50_000, yaw(0.0)));
         for time in (50_000..1_000_000).step_by(7_000) {
             assert_eq!(attitudes.isolated(time), None, "{time}");
@@ -311,10 +311,10 @@ mod tests {
         let angle = |us: i64| 0.5 * (us as f64 * 1e-6 * 4.4).sin();
         let speed = |us: i64| 0.5 * 4.4 * (us as f64 * 1e-6 * 4.4).cos();
         let rate = |us: i64| [0.0, 0.0, speed(us)].map(I16F16::from_num);
-        let error = |attitudes: &Attitudes, us| {
+        let error = |attitudes: &AttitudeBuffer, us| {
             attitudes.at(us).map(|a| a.angle_to(yaw(angle(us))).to_num::<f64>())
         };
-        let mut attitudes = Attitudes::new();
+        let mut attitudes = AttitudeBuffer::new();
         for step in 0..=40 {
             let now = step * 50_000;
             attitudes.push_rate(now, rate(now));
@@ -333,7 +333,7 @@ mod tests {
         }
         assert_eq!(attitudes.at(2_200_000), None, "beyond the velocities");
         // Without them, and where they are as rare as the attitudes, there is nothing in between.
-        let mut rare = Attitudes::new();
+        let mut rare = AttitudeBuffer::new();
         for step in 0..4 {
             let now = step * 500_000;
             rare.push(now, yaw(angle(now)));
@@ -341,7 +341,7 @@ mod tests {
         }
         assert_eq!(rare.at(750_000), None);
         // Zeros are no measurement.
-        let mut zeros = Attitudes::new();
+        let mut zeros = AttitudeBuffer::new();
         (0..40).for_each(|step| zeros.push_rate(step * 50_000, [I16F16::ZERO; 3]));
         zeros.push(0, yaw(0.0));
         assert_eq!(zeros.at(500_000), None);
@@ -349,7 +349,7 @@ mod tests {
 
     #[test]
     fn how_often_attitudes_come() {
-        let mut attitudes = Attitudes::new();
+        let mut attitudes = AttitudeBuffer::new();
         assert_eq!(attitudes.interval_us(), None);
         (0..30).for_each(|step| attitudes.push(step * 20_000, yaw(0.0)));
         assert_eq!(attitudes.interval_us(), Some(20_000));
@@ -359,7 +359,7 @@ mod tests {
 
     #[test]
     fn the_oldest_go_first() {
-        let mut attitudes = Attitudes::new();
+        let mut attitudes = AttitudeBuffer::new();
         for step in 0..200 {
             attitudes.push(step * 10_000, yaw(0.0));
         }
@@ -372,7 +372,7 @@ mod tests {
     proptest! {
         #[test]
         fn no_times_panic(times in proptest::collection::vec(any::<i64>(), 0..100), at: i64) {
-            let mut attitudes = Attitudes::new();
+            let mut attitudes = AttitudeBuffer::new();
             for time in times {
                 attitudes.push(time, Attitude::IDENTITY);
                 attitudes.push_rate(time, [I16F16::MAX, I16F16::MIN, I16F16::from_bits(time as i32 | 1)]);

@@ -3,18 +3,18 @@
 //! It keeps the last frames ([`History`] says how many, at which size), measures the background's motion between them,
 //! takes the temporal differences that remain after that motion is removed, and fills the levels of the scale space.
 
-use crate::channels::history::{FARTHEST, History, Ring};
+use crate::channels::history::{FARTHEST, FrameRing, History};
 use crate::channels::method::Method;
-use crate::channels::scale_space::{self, Geometry, Halvings, Picture, Pictures, Pyramid};
+use crate::channels::scale_space::{self, Halvings, LevelView, Plane, Pyramid, PyramidLayout};
 use crate::channels::window::SLICES;
-use crate::channels::{Newest, Slice};
+use crate::channels::{NewestChannels, Slice};
 use crate::image::Image;
 use crate::image::pyramid;
 use crate::math::{slices, threads};
 use crate::registration::warp;
-use crate::registration::{self, LEVELS, Motion};
+use crate::registration::{self, GlobalMotion, LEVELS};
 
-pub use crate::registration::Error;
+pub use crate::registration::RegistrationError;
 
 /// Longest temporal lag of any channel, in frames. A st-cube depends on [`SLICES`] - 1 frames more, those of its oldest
 /// slice.
@@ -26,9 +26,9 @@ pub struct Slices<'a> {
     /// Frames on the level, newest first; frames not yet seen repeat the oldest. Slices that are not there stay empty.
     pub slices: [Option<Slice<'a>>; SLICES],
     /// The newest frame on the level.
-    pub newest: Newest<'a>,
+    pub newest: NewestChannels<'a>,
     /// Motion of the background from the frame k ago to the one before it.
-    pub motions: [Motion; SLICES - 1],
+    pub motions: [GlobalMotion; SLICES - 1],
     /// Frame pixels of a pixel of the level, Q16.
     pub scale: u32,
 }
@@ -41,12 +41,12 @@ pub struct Slices<'a> {
 /// ```
 /// use lookout::channels::front_end::FrontEnd;
 /// use lookout::channels::method::Method;
-/// use lookout::channels::scale_space::Geometry;
+/// use lookout::channels::scale_space::PyramidLayout;
 /// use lookout::image::Image;
 ///
 /// let method = Method::of_header(include_bytes!("../../models/lookout.lkm")).unwrap();
 /// // Targets of 10 to 100 pixels, two levels an octave.
-/// let geometry = Geometry::new(96, 80, 10, 100, 2, method.history);
+/// let geometry = PyramidLayout::new(96, 80, 10, 100, 2, method.history);
 /// let mut memory = vec![0; FrontEnd::bytes_len(&geometry, 0)];
 /// let mut front_end = FrontEnd::new(geometry, method, &mut memory)?;
 ///
@@ -60,7 +60,7 @@ pub struct Slices<'a> {
 /// ```
 #[derive(Debug)]
 pub struct FrontEnd<'b> {
-    state: State,
+    state: FrontEndState,
     memory: &'b mut [u8],
 }
 
@@ -68,18 +68,22 @@ impl<'b> FrontEnd<'b> {
     /// A front end for the levels of `geometry` that has seen no frame.
     ///
     /// # Errors
-    /// [`Error::BufferTooSmall`] if `memory` has fewer than [`FrontEnd::bytes_len`] bytes. Bytes beyond that are scratch
+    /// [`RegistrationError::BufferTooSmall`] if `memory` has fewer than [`FrontEnd::bytes_len`] bytes. Bytes beyond that are scratch
     /// memory of [`FrontEnd::process`].
-    pub fn new(geometry: Geometry, method: Method, memory: &'b mut [u8]) -> Result<Self, Error> {
+    pub fn new(
+        geometry: PyramidLayout,
+        method: Method,
+        memory: &'b mut [u8],
+    ) -> Result<Self, RegistrationError> {
         let needed = Self::bytes_len(&geometry, 0);
         if memory.len() < needed {
-            return Err(Error::BufferTooSmall { needed });
+            return Err(RegistrationError::BufferTooSmall { needed });
         }
-        Ok(Self { state: State::new(geometry, method), memory })
+        Ok(Self { state: FrontEndState::new(geometry, method), memory })
     }
 
     /// Bytes of memory, of which at least `scratch` are free between two frames.
-    pub const fn bytes_len(geometry: &Geometry, scratch: usize) -> usize {
+    pub const fn bytes_len(geometry: &PyramidLayout, scratch: usize) -> usize {
         let ((width, height), history) = (geometry.frame(), geometry.history());
         // A warped frame is needed only while the scratch memory is not.
         let warped = pixels(width, height, history.octave() as usize);
@@ -98,13 +102,13 @@ impl<'b> FrontEnd<'b> {
     /// Whether a frame has the right size.
     ///
     /// # Errors
-    /// [`Error::FrameSize`] if not.
-    pub fn check(&self, frame: Image<'_>) -> Result<(), Error> {
+    /// [`RegistrationError::FrameSize`] if not.
+    pub fn check(&self, frame: Image<'_>) -> Result<(), RegistrationError> {
         let (width, height) = (frame.width(), frame.height());
         if (width, height) == self.state.geometry.frame() {
             Ok(())
         } else {
-            Err(Error::FrameSize { width, height })
+            Err(RegistrationError::FrameSize { width, height })
         }
     }
 
@@ -112,12 +116,12 @@ impl<'b> FrontEnd<'b> {
     /// the background's motion is measured and the differences are taken, before the levels are filled.
     ///
     /// # Errors
-    /// [`Error::FrameSize`]; the frame is not taken then.
+    /// [`RegistrationError::FrameSize`]; the frame is not taken then.
     pub fn process<'a>(
         &'a mut self,
         frame: Image<'a>,
         registered: &mut dyn FnMut(),
-    ) -> Result<(FrameChannels<'a>, &'a mut [u8]), Error> {
+    ) -> Result<(FrameChannels<'a>, &'a mut [u8]), RegistrationError> {
         self.check(frame)?;
         let Self { state, memory } = self;
         state.take(frame, memory);
@@ -132,7 +136,7 @@ impl<'b> FrontEnd<'b> {
     ///
     /// # Errors
     /// As [`FrontEnd::process`].
-    pub fn skip(&mut self, frame: Image<'_>) -> Result<(), Error> {
+    pub fn skip(&mut self, frame: Image<'_>) -> Result<(), RegistrationError> {
         self.check(frame)?;
         self.state.take(frame, self.memory);
         self.state.filled = 0;
@@ -150,7 +154,7 @@ impl<'b> FrontEnd<'b> {
 pub struct FrameChannels<'a> {
     /// The levels of the newest frame and of the slices before it.
     pub pyramid: Pyramid<'a>,
-    motions: &'a [Motion; FARTHEST],
+    motions: &'a [GlobalMotion; FARTHEST],
 }
 
 impl<'a> FrameChannels<'a> {
@@ -160,12 +164,12 @@ impl<'a> FrameChannels<'a> {
     }
 
     /// The background's motion to the frame before; the identity where it could not be measured.
-    pub fn motion(&self) -> Motion {
+    pub fn motion(&self) -> GlobalMotion {
         self.motions[0]
     }
 
     /// The slices that st-cubes of a level are cut from.
-    pub fn slices(&self, level: &Pictures<'a>) -> Slices<'a> {
+    pub fn slices(&self, level: &LevelView<'a>) -> Slices<'a> {
         Slices {
             slices: level.slices,
             newest: level.newest,
@@ -178,21 +182,21 @@ impl<'a> FrameChannels<'a> {
 /// All of a front end but its memory: which frames are where in it. Its functions panic if the memory is shorter than
 /// [`FrontEnd::bytes_len`] or the frame has another size than the levels are laid out for.
 #[derive(Debug, Clone)]
-struct State {
+struct FrontEndState {
     width: usize,
     height: usize,
     method: Method,
-    geometry: Geometry,
+    geometry: PyramidLayout,
     /// Motion from the frame k ago to the one before it.
-    motions: [Motion; FARTHEST],
+    motions: [GlobalMotion; FARTHEST],
     /// Frames seen, at most one more than there are motions.
     seen: usize,
     /// Frames in a row, up to the newest, of which the channels were computed; at most [`SLICES`].
     filled: usize,
-    frames: Ring,
-    halves: Ring,
-    coarse: Ring,
-    slots: Ring,
+    frames: FrameRing,
+    halves: FrameRing,
+    coarse: FrameRing,
+    slots: FrameRing,
 }
 
 /// The memory, divided. Rings of frames: whole, halved once, halved twice and three times.
@@ -214,21 +218,21 @@ const fn coarse_len(width: usize, height: usize) -> usize {
     pixels(width, height, 2) + pixels(width, height, 3)
 }
 
-impl State {
-    const fn new(geometry: Geometry, method: Method) -> Self {
+impl FrontEndState {
+    const fn new(geometry: PyramidLayout, method: Method) -> Self {
         let ((width, height), history) = (geometry.frame(), geometry.history());
         Self {
             width,
             height,
             method,
             geometry,
-            motions: [Motion::IDENTITY; FARTHEST],
+            motions: [GlobalMotion::IDENTITY; FARTHEST],
             seen: 0,
             filled: 0,
-            frames: Ring::new(history.frames()),
-            halves: Ring::new(history.halves()),
-            coarse: Ring::new(history.coarse()),
-            slots: Ring::new(history.slices()),
+            frames: FrameRing::new(history.frames()),
+            halves: FrameRing::new(history.halves()),
+            coarse: FrameRing::new(history.coarse()),
+            slots: FrameRing::new(history.slices()),
         }
     }
 
@@ -257,7 +261,7 @@ impl State {
     }
 
     fn restart(&mut self) {
-        self.motions = [Motion::IDENTITY; FARTHEST];
+        self.motions = [GlobalMotion::IDENTITY; FARTHEST];
         (self.seen, self.filled) = (0, 0);
     }
 
@@ -298,7 +302,7 @@ impl State {
                 };
                 registration::measure((width, height), search, &new, &old)
             } else {
-                Motion::IDENTITY
+                GlobalMotion::IDENTITY
             };
             self.motions.copy_within(..FARTHEST - 1, 1);
             self.motions[0] = motion;
@@ -340,7 +344,7 @@ impl State {
         let slot = self.slots.place(0);
         let Divided { frames, halves, coarse, levels, scratch } = self.divide(bytes);
         if !geometry.levels().is_empty() {
-            let kinds = [Picture::Far, Picture::Near, Picture::Plain];
+            let kinds = [Plane::Far, Plane::Near, Plane::Plain];
             if self.method.temporal && self.seen > 1 {
                 let (octave, parallel) = (geometry.history().octave(), self.parallel());
                 let older = |age| match geometry.history() {
@@ -439,8 +443,8 @@ mod tests {
         history: History::Full,
     };
 
-    fn geometry(history: History) -> Geometry {
-        Geometry::new(WIDTH, HEIGHT, 10, 40, 2, history)
+    fn geometry(history: History) -> PyramidLayout {
+        PyramidLayout::new(WIDTH, HEIGHT, 10, 40, 2, history)
     }
 
     /// Frame `number` of a smooth texture that moves a pixel a frame.
@@ -506,7 +510,7 @@ mod tests {
         let geometry = geometry(History::Full);
         let needed = FrontEnd::bytes_len(&geometry, 0);
         let refused = FrontEnd::new(geometry, METHOD, &mut vec![0; needed - 1]).unwrap_err();
-        assert_eq!(refused, Error::BufferTooSmall { needed });
+        assert_eq!(refused, RegistrationError::BufferTooSmall { needed });
         let mut memory = vec![0; needed];
         let mut front_end = FrontEnd::new(geometry, METHOD, &mut memory).unwrap();
         let pixels_of = |front_end: &mut FrontEnd<'_>, number| {
@@ -518,7 +522,7 @@ mod tests {
         pixels_of(&mut front_end, 0);
         let small = frame(9);
         let small = Image::packed(&small, HEIGHT, WIDTH).unwrap();
-        let error = Error::FrameSize { width: HEIGHT, height: WIDTH };
+        let error = RegistrationError::FrameSize { width: HEIGHT, height: WIDTH };
         assert_eq!(front_end.skip(small), Err(error));
         assert_eq!(front_end.process(small, &mut || {}).map(|_| ()), Err(error));
         assert_eq!(pixels_of(&mut front_end, 1), want);

@@ -88,12 +88,12 @@ impl History {
 
 /// Positions of the last frames in a ring buffer.
 #[derive(Debug, Clone, Copy)]
-pub struct Ring {
+pub struct FrameRing {
     length: usize,
     newest: usize,
 }
 
-impl Ring {
+impl FrameRing {
     /// A ring of `length` places.
     pub const fn new(length: usize) -> Self {
         Self { length, newest: 0 }
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn a_ring_holds_the_last_ones() {
-        let mut ring = Ring::new(3);
+        let mut ring = FrameRing::new(3);
         let mut kept = [0; 3];
         for number in 1..20 {
             ring.advance();

@@ -135,7 +135,7 @@ pub struct Slice<'a> {
 
 /// What there is of the newest frame on a level.
 #[derive(Debug, Clone, Copy)]
-pub struct Newest<'a> {
+pub struct NewestChannels<'a> {
     /// What is kept of it.
     pub slice: Slice<'a>,
     /// Tolerant difference to a frame far back.
@@ -227,9 +227,9 @@ fn square_at_once(slice: &Slice<'_>, x: i32, y: i32) -> Square<SIDE> {
     cells_of(&planes, slice.cells(), x, y)
 }
 
-/// [`Newest::square`] of a square that has cells of the level.
+/// [`NewestChannels::square`] of a square that has cells of the level.
 #[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
-fn newest_at_once(newest: &Newest<'_>, x: i32, y: i32) -> Square<SIDE> {
+fn newest_at_once(newest: &NewestChannels<'_>, x: i32, y: i32) -> Square<SIDE> {
     let mut planes = [[0; 128]; CHANNELS];
     planes[0] = sums_of(&newest.slice.grey, x, y, |sum| ((sum + 2) >> 2) as u8);
     for (plane, difference) in
@@ -293,7 +293,7 @@ impl<'a> Slice<'a> {
     }
 }
 
-impl Newest<'_> {
+impl NewestChannels<'_> {
     /// Intensity, the differences in quarters of a grey level (at most 255) and zeros: of the cells of a square, as
     /// [`Slice::square`].
     pub fn square(&self, x: i32, y: i32) -> Square<SIDE> {
@@ -306,7 +306,7 @@ impl Newest<'_> {
         }
     }
 
-    /// As [`Newest::square`], cell by cell: for processors without vector instructions.
+    /// As [`NewestChannels::square`], cell by cell: for processors without vector instructions.
     fn square_by_cells(&self, x: i32, y: i32) -> Square<SIDE> {
         square(self.slice.cells(), (x, y), |y| self.row(y), |row, x| row.second(x))
     }
@@ -370,13 +370,13 @@ pub(crate) mod tests {
 
     /// The pictures of a level: grey, far, near and plain difference.
     #[derive(Debug, Clone)]
-    pub(crate) struct Level {
+    pub(crate) struct LevelPictures {
         size: (usize, usize),
         halved: bool,
         pixels: [Vec<u8>; 4],
     }
 
-    impl Level {
+    impl LevelPictures {
         /// Pictures of `width` x `height` pixels with these values; of halved differences every second counts.
         pub(crate) fn new(
             width: usize,
@@ -399,7 +399,7 @@ pub(crate) mod tests {
             self.pixels.iter_mut().zip(values).for_each(|(pixels, value)| pixels[place] = value);
         }
 
-        pub(crate) fn newest(&self) -> Newest<'_> {
+        pub(crate) fn newest(&self) -> NewestChannels<'_> {
             let (width, height) = self.size;
             let shift = u32::from(self.halved);
             let difference = |i: usize| Difference {
@@ -408,12 +408,12 @@ pub(crate) mod tests {
             };
             let grey = Image::packed(&self.pixels[0], width, height).unwrap();
             let slice = Slice { grey, near: difference(2) };
-            Newest { slice, far: difference(1), plain: difference(3), oriented: true }
+            NewestChannels { slice, far: difference(1), plain: difference(3), oriented: true }
         }
     }
 
     /// The channels of all cells, row by row.
-    pub(crate) fn cells(newest: &Newest<'_>) -> Vec<[u8; CELL_CHANNELS]> {
+    pub(crate) fn cells(newest: &NewestChannels<'_>) -> Vec<[u8; CELL_CHANNELS]> {
         let (columns, rows) = newest.slice.cells();
         let mut planes = vec![7; CELL_CHANNELS * columns];
         let mut row = |y| {
@@ -432,8 +432,8 @@ pub(crate) mod tests {
         pub(crate) fn level()(
             width in 2..48usize, height in 2..40usize, halved: bool, few in 0..3u8,
             values in prop::collection::vec(any::<[u8; 4]>(), 211),
-        ) -> Level {
-            Level::new(width, height, halved, |x, y| match few {
+        ) -> LevelPictures {
+            LevelPictures::new(width, height, halved, |x, y| match few {
                 0 => values[(y * width + x * 7) % values.len()],
                 1 => values[(y / 5 * width + x / 3) % values.len()].map(|v| v / 32),
                 _ => values[0],
@@ -469,7 +469,7 @@ pub(crate) mod tests {
 
         #[test]
         fn cells_agree_with_f64(level in level(), oriented: bool) {
-            let newest = Newest { oriented, ..level.newest() };
+            let newest = NewestChannels { oriented, ..level.newest() };
             let columns = newest.slice.cells().0;
             for (place, cell) in cells(&newest).iter().enumerate() {
                 let (x, y) = (place % columns, place / columns);
@@ -494,7 +494,7 @@ pub(crate) mod tests {
 
     #[test]
     fn a_halved_picture_may_lack_the_last_cells() {
-        let level = Level::new(4, 4, true, |_, _| [9, 10, 20, 30]);
+        let level = LevelPictures::new(4, 4, true, |_, _| [9, 10, 20, 30]);
         let mut newest = level.newest();
         newest.far.picture = Image::packed(&[10], 1, 1).unwrap();
         let cell = |x: usize, y: usize| cells(&newest)[2 * y + x][GREY + 1..].to_vec();

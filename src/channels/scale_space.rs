@@ -4,7 +4,7 @@
 
 use crate::channels::history::History;
 use crate::channels::window::{PADDING, Position, SLICES, WINDOW, boxed};
-use crate::channels::{Difference, Newest, Slice};
+use crate::channels::{Difference, NewestChannels, Slice};
 use crate::image::Image;
 use crate::image::Rect;
 use crate::image::gradient::CELL;
@@ -38,7 +38,7 @@ const STEPS: [[u32; 4]; 4] = [
 
 /// Size and place of one level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Level {
+pub struct PyramidLevel {
     /// Width in pixels of the level.
     pub width: usize,
     /// Height in pixels of the level.
@@ -51,7 +51,7 @@ pub struct Level {
     pub differences: (usize, usize),
 }
 
-impl Level {
+impl PyramidLevel {
     /// Cells in a row and in a column.
     pub const fn cells(&self) -> (usize, usize) {
         (self.width / CELL, self.height / CELL)
@@ -85,16 +85,16 @@ impl Level {
 
 /// The levels of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Geometry {
+pub struct PyramidLayout {
     /// Width and height of the frames in pixels.
     frame: (usize, usize),
-    levels: [Level; MAX_LEVELS],
+    levels: [PyramidLevel; MAX_LEVELS],
     count: usize,
     scales_per_octave: usize,
     history: History,
 }
 
-impl Geometry {
+impl PyramidLayout {
     /// Levels for targets of `min_target` to `max_target` pixels (longer side) in frames of `width` x `height`;
     /// `scales_per_octave` counts as 1 to 4. None where the frame is smaller than any window.
     pub const fn new(
@@ -111,7 +111,8 @@ impl Geometry {
             3 => 3,
             _ => 4,
         };
-        let none = Level { width: 0, height: 0, scale: 0, active: false, differences: (0, 0) };
+        let none =
+            PyramidLevel { width: 0, height: 0, scale: 0, active: false, differences: (0, 0) };
         let mut levels = [none; MAX_LEVELS];
         let mut count = 0;
         let (halved_width, halved_height) = (width >> history.octave(), height >> history.octave());
@@ -123,7 +124,7 @@ impl Geometry {
                 break;
             }
             let level = if octave == 0 {
-                Level {
+                PyramidLevel {
                     width: pyramid::resized(width, step),
                     height: pyramid::resized(height, step),
                     scale: step,
@@ -135,7 +136,7 @@ impl Geometry {
                 }
             } else {
                 let finer = levels[count - per_octave];
-                Level {
+                PyramidLevel {
                     width: finer.width / 2,
                     height: finer.height / 2,
                     scale: finer.scale * 2,
@@ -170,12 +171,12 @@ impl Geometry {
     }
 
     /// The levels, finest first.
-    pub const fn levels(&self) -> &[Level] {
+    pub const fn levels(&self) -> &[PyramidLevel] {
         self.levels.split_at(self.count).0
     }
 
     /// Level `number`; of no size where there is none.
-    pub fn level(&self, number: usize) -> Level {
+    pub fn level(&self, number: usize) -> PyramidLevel {
         self.levels().get(number).copied().unwrap_or_default()
     }
 
@@ -219,16 +220,16 @@ impl Geometry {
 
     /// Where a picture of a level is, `slot` its place in the ring of frames.
     #[inline(never)]
-    pub fn place(&self, level: usize, picture: Picture, slot: usize) -> Range<usize> {
+    pub fn place(&self, level: usize, picture: Plane, slot: usize) -> Range<usize> {
         let (kept, grey) = (self.kept(level), self.grey_len(level));
         let slot = slot % kept;
         let difference = self.levels[level].difference_pixels();
         let differences = self.start(level) + kept * grey;
         let (start, length) = match picture {
-            Picture::Grey => (self.start(level) + slot * grey, grey),
-            Picture::Near => (differences + slot * difference, difference),
-            Picture::Far => (differences + kept * difference, difference),
-            Picture::Plain => (differences + (kept + 1) * difference, difference),
+            Plane::Grey => (self.start(level) + slot * grey, grey),
+            Plane::Near => (differences + slot * difference, difference),
+            Plane::Far => (differences + kept * difference, difference),
+            Plane::Plain => (differences + (kept + 1) * difference, difference),
         };
         start..start + length
     }
@@ -239,18 +240,18 @@ const DIFFERENCES_OF_THE_NEWEST: usize = 2;
 
 /// The pictures of a level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Picture {
+pub enum Plane {
     /// The frame.
     Grey,
     /// [`Slice::near`].
     Near,
-    /// [`Newest::far`].
+    /// [`NewestChannels::far`].
     Far,
-    /// [`Newest::plain`].
+    /// [`NewestChannels::plain`].
     Plain,
 }
 
-impl Picture {
+impl Plane {
     const ALL: [Self; 4] = [Self::Grey, Self::Near, Self::Far, Self::Plain];
 }
 
@@ -261,14 +262,14 @@ pub(super) fn packed(pixels: &[u8], (width, height): (usize, usize)) -> Image<'_
 
 /// Fills the pictures of all levels from the frame, its halves and the difference images of level 0, into place `slot` of
 /// the rings; the four kinds of pictures at the same time where there are threads for it. Panics if there are fewer than
-/// [`Geometry::bytes_len`] bytes.
-pub fn build(geometry: &Geometry, bytes: &mut [u8], frame: &Halvings<'_>, slot: usize) {
-    let mut kinds: [[&mut [u8]; MAX_LEVELS]; Picture::ALL.len()] =
+/// [`PyramidLayout::bytes_len`] bytes.
+pub fn build(geometry: &PyramidLayout, bytes: &mut [u8], frame: &Halvings<'_>, slot: usize) {
+    let mut kinds: [[&mut [u8]; MAX_LEVELS]; Plane::ALL.len()] =
         from_fn(|_| from_fn(|_| Default::default()));
     let (mut rest, mut at) = (bytes, 0);
     // In the order in which they lie in memory.
     for i in 0..geometry.levels().len() {
-        for (levels, picture) in kinds.iter_mut().zip(Picture::ALL) {
+        for (levels, picture) in kinds.iter_mut().zip(Plane::ALL) {
             let place = geometry.place(i, picture, slot);
             let (own, behind) = slices::split_mut(rest, place.end - at);
             (rest, at) = (behind, place.end);
@@ -276,7 +277,7 @@ pub fn build(geometry: &Geometry, bytes: &mut [u8], frame: &Halvings<'_>, slot: 
         }
     }
     threads::pieces(&mut kinds, 1, true, |number, kinds| {
-        for (levels, picture) in kinds.iter_mut().zip(&Picture::ALL[number..]) {
+        for (levels, picture) in kinds.iter_mut().zip(&Plane::ALL[number..]) {
             build_kind(geometry, frame, *picture, levels);
         }
     });
@@ -284,9 +285,9 @@ pub fn build(geometry: &Geometry, bytes: &mut [u8], frame: &Halvings<'_>, slot: 
 
 /// [`build`] for one kind of pictures.
 fn build_kind(
-    geometry: &Geometry,
+    geometry: &PyramidLayout,
     frame: &Halvings<'_>,
-    picture: Picture,
+    picture: Plane,
     levels: &mut [&mut [u8]; MAX_LEVELS],
 ) {
     for (i, level) in geometry.levels().iter().enumerate().skip(1) {
@@ -297,9 +298,9 @@ fn build_kind(
         let finer_level = geometry.level(source);
         let pixels: &[u8] = finer.get(source).map_or(&[], |pixels| pixels);
         let image = match (picture, finer_level.halvings()) {
-            (Picture::Grey, _) if level.halvings().is_some() => continue,
-            (Picture::Grey, Some(halvings)) => frame[halvings],
-            (Picture::Grey, None) => packed(pixels, (finer_level.width, finer_level.height)),
+            (Plane::Grey, _) if level.halvings().is_some() => continue,
+            (Plane::Grey, Some(halvings)) => frame[halvings],
+            (Plane::Grey, None) => packed(pixels, (finer_level.width, finer_level.height)),
             _ => packed(pixels, finer_level.differences),
         };
         match from {
@@ -311,22 +312,22 @@ fn build_kind(
 
 /// A level and its pictures.
 #[derive(Debug, Clone, Copy)]
-pub struct Pictures<'a> {
+pub struct LevelView<'a> {
     /// Number of the level.
     pub number: u8,
     /// Size, scale and role of the level.
-    pub level: Level,
+    pub level: PyramidLevel,
     /// The level in the last frames, newest first; `None` for slices that the history does not keep. Frames not yet seen
     /// repeat the oldest.
     pub slices: [Option<Slice<'a>>; SLICES],
     /// Channels of the newest frame.
-    pub newest: Newest<'a>,
+    pub newest: NewestChannels<'a>,
 }
 
 /// The levels of the newest frame and of those before it, finest first.
 #[derive(Debug, Clone, Copy)]
 pub struct Pyramid<'a> {
-    geometry: &'a Geometry,
+    geometry: &'a PyramidLayout,
     bytes: &'a [u8],
     frames: [Halvings<'a>; SLICES],
     slots: [usize; SLICES],
@@ -336,7 +337,7 @@ impl<'a> Pyramid<'a> {
     /// Views the pictures in `bytes`: `frames` are the last ones, newest first (with a history of one slice the newest
     /// counts alone), `slots` their places in the rings.
     pub fn new(
-        geometry: &'a Geometry,
+        geometry: &'a PyramidLayout,
         bytes: &'a [u8],
         frames: [Halvings<'a>; SLICES],
         slots: [usize; SLICES],
@@ -345,12 +346,12 @@ impl<'a> Pyramid<'a> {
     }
 
     /// Sizes and scales of all levels, finest first.
-    pub fn levels(&self) -> &'a [Level] {
+    pub fn levels(&self) -> &'a [PyramidLevel] {
         self.geometry.levels()
     }
 
     /// Size and place of all levels.
-    pub fn geometry(&self) -> &'a Geometry {
+    pub fn geometry(&self) -> &'a PyramidLayout {
         self.geometry
     }
 
@@ -360,20 +361,20 @@ impl<'a> Pyramid<'a> {
     }
 
     /// Pictures of the levels that are searched, finest first.
-    pub fn searched(&self) -> impl Iterator<Item = Pictures<'a>> + use<'a> {
+    pub fn searched(&self) -> impl Iterator<Item = LevelView<'a>> + use<'a> {
         let this = *self;
         let numbers = 0..this.levels().len();
         numbers.filter(move |&i| this.geometry.level(i).active).map(move |i| this.level(i))
     }
 
     /// Pictures of level `number`. Panics if there is no such level.
-    pub fn level(&self, number: usize) -> Pictures<'a> {
+    pub fn level(&self, number: usize) -> LevelView<'a> {
         let level = self.geometry.level(number);
         let picture = |picture, age: usize| {
             let place = self.geometry.place(number, picture, self.slots[age]);
             match (picture, level.halvings()) {
-                (Picture::Grey, Some(halvings)) => self.frames[age][halvings],
-                (Picture::Grey, None) => {
+                (Plane::Grey, Some(halvings)) => self.frames[age][halvings],
+                (Plane::Grey, None) => {
                     packed(slices::of(self.bytes, place), (level.width, level.height))
                 }
                 _ => packed(slices::of(self.bytes, place), level.differences),
@@ -382,16 +383,16 @@ impl<'a> Pyramid<'a> {
         let halved = self.geometry.history == History::Half;
         let difference = |name, age| Difference { picture: picture(name, age), halved };
         let slice =
-            |age| Slice { grey: picture(Picture::Grey, age), near: difference(Picture::Near, age) };
+            |age| Slice { grey: picture(Plane::Grey, age), near: difference(Plane::Near, age) };
         let kept = self.geometry.kept(number);
-        Pictures {
+        LevelView {
             number: number as u8,
             level,
             slices: core::array::from_fn(|age| (age < kept).then(|| slice(age))),
-            newest: Newest {
+            newest: NewestChannels {
                 slice: slice(0),
-                far: difference(Picture::Far, 0),
-                plain: difference(Picture::Plain, 0),
+                far: difference(Plane::Far, 0),
+                plain: difference(Plane::Plain, 0),
                 oriented: self.geometry.history.oriented(),
             },
         }
@@ -406,12 +407,12 @@ mod tests {
 
     #[test]
     fn levels_cover_the_targets() {
-        let geometry = Geometry::new(640, 480, 10, 100, 2, History::Full);
+        let geometry = PyramidLayout::new(640, 480, 10, 100, 2, History::Full);
         let targets: Vec<i32> = geometry.levels().iter().map(|l| l.target_q4() / 16).collect();
         assert_eq!(targets, [10, 14, 20, 28, 40, 56, 80, 113]);
         assert!(geometry.levels().iter().all(|l| l.active));
         assert_eq!((geometry.levels()[1].width, geometry.levels()[3].height), (452, 169));
-        let coarse = Geometry::new(640, 480, 20, 40, 2, History::Full);
+        let coarse = PyramidLayout::new(640, 480, 20, 40, 2, History::Full);
         let active: Vec<bool> = coarse.levels().iter().map(|l| l.active).collect();
         assert_eq!(active, [false, false, true, true, true]);
     }
@@ -421,7 +422,8 @@ mod tests {
         for history in [History::Full, History::Half] {
             for (width, height) in [(0, 0), (1, 1), (7, 5), (8, 8), (9, 400), (4096, 9)] {
                 for per_octave in 0..6 {
-                    let geometry = Geometry::new(width, height, 1, 100_000, per_octave, history);
+                    let geometry =
+                        PyramidLayout::new(width, height, 1, 100_000, per_octave, history);
                     let mut bytes = vec![0; geometry.bytes_len()];
                     let pixels = vec![50; width * height];
                     let frame =
@@ -440,13 +442,13 @@ mod tests {
     #[test]
     fn pictures_do_not_overlap() {
         for history in [History::Full, History::Half] {
-            let geometry = Geometry::new(101, 67, 15, 60, 2, history);
+            let geometry = PyramidLayout::new(101, 67, 15, 60, 2, history);
             let mut end = 0;
             for level in 0..geometry.levels().len() {
                 let kept = geometry.kept(level);
-                let newest = [(Picture::Far, 1), (Picture::Plain, 1)];
+                let newest = [(Plane::Far, 1), (Plane::Plain, 1)];
                 for (picture, slots) in
-                    [(Picture::Grey, kept), (Picture::Near, kept)].into_iter().chain(newest)
+                    [(Plane::Grey, kept), (Plane::Near, kept)].into_iter().chain(newest)
                 {
                     for slot in 0..slots {
                         let place = geometry.place(level, picture, slot);

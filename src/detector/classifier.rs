@@ -12,7 +12,7 @@ use crate::math::fixed::exp2_q16;
 use crate::model::{Method, Model};
 use crate::scan::cascade::Candidate;
 use crate::scan::window;
-use crate::stcube::compensation::{self, Alignment, Path};
+use crate::stcube::compensation::{self, Alignment, Trajectory};
 use crate::stcube::cube::{Cube, SCALARS, Scalar};
 use crate::stcube::spans::{Ready, Spans};
 #[cfg(feature = "std")]
@@ -178,7 +178,7 @@ impl CubeClassifier<'_> {
 
     /// Cuts the cube of a candidate from the window at `start` of its level: slices aligned by [`Method::alignment`], and the
     /// scalars.
-    pub fn cut(&self, candidate: &Candidate, start: Position, cube: &mut Cube) -> Path {
+    pub fn cut(&self, candidate: &Candidate, start: Position, cube: &mut Cube) -> Trajectory {
         let level = &self.channels.pyramid.level(usize::from(candidate.level));
         cube.scalars = [0; SCALARS];
         let score = candidate.score.saturating_add(32768).clamp(0, 65535) as u16;
@@ -205,7 +205,7 @@ impl CubeClassifier<'_> {
     fn detection(
         &self,
         candidate: &Candidate,
-        path: &Path,
+        path: &Trajectory,
         cube: &Ready<'_>,
         score: i32,
     ) -> Detection {
@@ -231,7 +231,7 @@ impl CubeClassifier<'_> {
 }
 
 /// Positions of the older slices relative to the newest, pixels of the frame.
-fn shifts(path: &Path, scale: u32) -> [Shift; SHIFTS] {
+fn shifts(path: &Trajectory, scale: u32) -> [Shift; SHIFTS] {
     let [(x, y), older @ ..] = path.positions.map(|position| position.centre(scale));
     older.map(|at| Shift {
         x: I28F4::from_bits((at.0 - x) >> 4),

@@ -11,14 +11,14 @@ pub mod temporal_score;
 
 use crate::channels::front_end::{self, FrontEnd};
 use crate::channels::method::Alignment;
-use crate::channels::scale_space::Geometry;
+use crate::channels::scale_space::PyramidLayout;
 use crate::image::nms;
 use crate::image::{Image, Rect};
 use crate::math::threads;
 use crate::model::{Method, Model};
-use crate::registration::global_motion::Motion;
+use crate::registration::global_motion::GlobalMotion;
 use crate::scan::cascade::Candidate;
-use crate::scan::{self, Counts, Scratch, window};
+use crate::scan::{self, ScanWork, Scratch, window};
 use classifier::{CubeClassifier, Scored, Workspace};
 use temporal_score::Persistence;
 
@@ -141,8 +141,8 @@ impl Config {
     }
 
     /// The levels that are searched.
-    pub const fn geometry(&self) -> Geometry {
-        Geometry::new(
+    pub const fn geometry(&self) -> PyramidLayout {
+        PyramidLayout::new(
             self.width,
             self.height,
             self.min_target,
@@ -223,18 +223,22 @@ impl core::fmt::Display for Error {
 
 impl core::error::Error for Error {}
 
-impl From<front_end::Error> for Error {
-    fn from(error: front_end::Error) -> Self {
+impl From<front_end::RegistrationError> for Error {
+    fn from(error: front_end::RegistrationError) -> Self {
         match error {
-            front_end::Error::BufferTooSmall { needed } => Self::BufferTooSmall { needed },
-            front_end::Error::FrameSize { width, height } => Self::FrameSize { width, height },
+            front_end::RegistrationError::BufferTooSmall { needed } => {
+                Self::BufferTooSmall { needed }
+            }
+            front_end::RegistrationError::FrameSize { width, height } => {
+                Self::FrameSize { width, height }
+            }
         }
     }
 }
 
 /// A step of [`Detector::process`], named to an observer when it has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
+pub enum DetectorStage {
     /// Motion of the background, and the differences that remain.
     Registration,
     /// The pictures of all levels.
@@ -247,7 +251,7 @@ pub enum Stage {
     Boxes,
 }
 
-impl Stage {
+impl DetectorStage {
     /// All stages in the order in which they run.
     pub const ALL: [Self; 5] =
         [Self::Registration, Self::Channels, Self::Scan, Self::Cubes, Self::Boxes];
@@ -295,7 +299,7 @@ pub struct Detections {
     /// Whether the background's motion could be measured; if not, older frames were left where they are.
     pub registered: bool,
     /// Where each point of the background was in the frame before; not valid where that could not be measured.
-    pub motion: Motion,
+    pub motion: GlobalMotion,
 }
 
 /// Finds flying objects in the frames of one camera.
@@ -395,7 +399,7 @@ impl<'m, 'b> Detector<'m, 'b> {
         frame: Image<'_>,
         time_us: i64,
         detections: &mut Detections,
-        observer: &mut dyn FnMut(Stage),
+        observer: &mut dyn FnMut(DetectorStage),
     ) -> Result<(), Error> {
         self.front_end.check(frame)?;
         let continues = |last: i64| (0..=MAX_GAP_US).contains(&time_us.saturating_sub(last));
@@ -407,16 +411,16 @@ impl<'m, 'b> Detector<'m, 'b> {
         self.last_us = Some(time_us);
         let Self { model, config, front_end, persistence, words, .. } = self;
         let (channels, scratch) =
-            front_end.process(frame, &mut || observer(Stage::Registration))?;
-        observer(Stage::Channels);
+            front_end.process(frame, &mut || observer(DetectorStage::Registration))?;
+        observer(DetectorStage::Channels);
         let (scratch, pyramid) = (Scratch { bytes: scratch, words }, &channels.pyramid);
-        let (mut candidates, Counts { windows, kept, dropped }) =
+        let (mut candidates, ScanWork { windows, kept, dropped }) =
             scan::search(model.scan(), pyramid, config.candidates, config.parallel, scratch);
         if let Some(mask) = &self.mask {
             let level = |c: &Candidate| pyramid.geometry().level(usize::from(c.level));
             candidates.retain(|c| !mask.hides(&level(c).nominal_box(window(c))));
         }
-        observer(Stage::Scan);
+        observer(DetectorStage::Scan);
         detections.list.clear();
         detections.proposals.clear();
         (detections.windows, detections.kept, detections.dropped) = (windows, kept, dropped);
@@ -425,7 +429,7 @@ impl<'m, 'b> Detector<'m, 'b> {
         let Config { method, trace, fit, .. } = *config;
         let classifier = CubeClassifier { model, method, trace, fit, channels };
         decide(config, &classifier, (&candidates, self.mask), persistence, detections, observer);
-        observer(Stage::Boxes);
+        observer(DetectorStage::Boxes);
         Ok(())
     }
 
@@ -444,7 +448,7 @@ fn decide(
     (candidates, mask): (&[Candidate], Option<Mask<'_>>),
     persistence: &mut Persistence<MAX_DETECTIONS>,
     detections: &mut Detections,
-    observer: &mut dyn FnMut(Stage),
+    observer: &mut dyn FnMut(DetectorStage),
 ) {
     let mut found: heapless::Vec<Scored, MAX_CANDIDATES> = heapless::Vec::new();
     for candidate in candidates {
@@ -473,7 +477,7 @@ fn decide(
     let (length, dropped) = suppress(&mut found);
     found.truncate(length);
     detections.dropped += dropped;
-    observer(Stage::Cubes);
+    observer(DetectorStage::Cubes);
     let refined = found.iter().take(MAX_REFINED[config.method.history as usize]);
     let refined = refined.take_while(|s| s.detection.score >= LEAST_REFINED).count();
     let best = found.get_mut(..refined).unwrap_or_default();

@@ -19,7 +19,7 @@
 use crate::detector::classifier::Scored;
 use crate::detector::detection::{Detection, Shift};
 use crate::image::Rect;
-use crate::registration::Motion;
+use crate::registration::GlobalMotion;
 use fixed::types::I28F4;
 
 /// Overlap (IoU, Q8) from which on a box of the last frame is taken for the same object.
@@ -40,7 +40,7 @@ pub const MEMORY: usize = LOOKS + MISSES as usize + 1;
 
 /// An object of the last frames.
 #[derive(Debug, Clone, Copy)]
-struct Seen {
+struct PastObject {
     /// Its box as found last, moved with the background since then.
     rect: Rect,
     /// The last looks' log-odds, Q4, from the place of the next one on in the order of their times.
@@ -57,7 +57,7 @@ fn kept(score: i32) -> i8 {
     (score.saturating_add(1 << 11) >> 12).clamp(i8::MIN.into(), i8::MAX.into()) as i8
 }
 
-impl Seen {
+impl PastObject {
     /// Not looked at yet.
     const fn new(rect: Rect) -> Self {
         Self { rect, scores: [0; LOOKS], looks: 0, next: 0, missed: 0 }
@@ -81,7 +81,7 @@ impl Seen {
     }
 
     /// In the next frame, in which it was not found; `motion` leads from there back.
-    fn missed(self, motion: &Motion) -> Self {
+    fn missed(self, motion: &GlobalMotion) -> Self {
         let centre =
             |start: I28F4, length: I28F4| (start + length / 2).to_bits().saturating_mul(16);
         let (x, y) = (centre(self.rect.x, self.rect.width), centre(self.rect.y, self.rect.height));
@@ -100,7 +100,7 @@ impl Seen {
 /// The objects of the last frames, those that were found last first.
 #[derive(Debug, Clone, Default)]
 pub struct Persistence<const N: usize> {
-    last: heapless::Vec<Seen, N>,
+    last: heapless::Vec<PastObject, N>,
 }
 
 impl<const N: usize> Persistence<N> {
@@ -116,9 +116,9 @@ impl<const N: usize> Persistence<N> {
 
     /// Weighs scores and sizes of a frame's detections by the frames before, and takes them for the next; those beyond the
     /// room for them are forgotten. `motion` leads back to the frame before.
-    pub fn weigh(&mut self, found: &mut [Scored], motion: &Motion) {
+    pub fn weigh(&mut self, found: &mut [Scored], motion: &GlobalMotion) {
         let mut again = [false; N];
-        let mut new: heapless::Vec<Seen, N> = heapless::Vec::new();
+        let mut new: heapless::Vec<PastObject, N> = heapless::Vec::new();
         for Scored { detection, .. } in found.iter_mut() {
             let Detection { rect, score, shifts: [Shift { x, y }, ..], .. } = *detection;
             let before = Rect { x: rect.x + x, y: rect.y + y, ..rect };
@@ -132,7 +132,8 @@ impl<const N: usize> Persistence<N> {
                 }
                 *last
             });
-            let seen = Seen { rect, missed: 0, ..last.unwrap_or(Seen::new(rect)) }.looked(score);
+            let seen = PastObject { rect, missed: 0, ..last.unwrap_or(PastObject::new(rect)) }
+                .looked(score);
             detection.rect = last.map_or(rect, |last| half_way(rect, last.rect));
             detection.score = seen.score();
             // Those beyond the room are forgotten.
@@ -193,7 +194,7 @@ mod tests {
     /// Weighs detections with nothing moving; their boxes and scores.
     fn weigh<const N: usize>(seen: &mut Persistence<N>, found: &[Scored]) -> Vec<(Rect, i32)> {
         let mut found = found.to_vec();
-        seen.weigh(&mut found, &Motion::IDENTITY);
+        seen.weigh(&mut found, &GlobalMotion::IDENTITY);
         found.iter().map(|s| (s.detection.rect, s.detection.score)).collect()
     }
 
@@ -235,12 +236,12 @@ mod tests {
                 weigh(&mut seen, &[scored(square(0, 20), 4 * ONE, 0)]);
             }
             // The background goes 10 pixels to the right each frame: back to the frame before it is -10.
-            let motion = Motion::new(640, 480, [-10 << 16, 0, 0, 0, 0, 0, 0, 0]);
+            let motion = GlobalMotion::new(640, 480, [-10 << 16, 0, 0, 0, 0, 0, 0, 0]);
             for _ in 0..misses {
                 seen.weigh(&mut [], &motion);
             }
             let mut found = [scored(square(10 * misses, 20), 4 * ONE, 0)];
-            seen.weigh(&mut found, &Motion::IDENTITY);
+            seen.weigh(&mut found, &GlobalMotion::IDENTITY);
             assert_eq!(found[0].detection.score > ONE, found_again, "{misses} {found:?}");
         }
     }
@@ -290,7 +291,7 @@ mod tests {
                     scored(Rect { x, y, width, height }, score, i32::from(shift))
                 });
                 let mut found: Vec<Scored> = found.collect();
-                seen.weigh(&mut found, &Motion::new(640, 480, [i32::MAX, i32::MIN, 7, 7, 7, 7, 7, 7]));
+                seen.weigh(&mut found, &GlobalMotion::new(640, 480, [i32::MAX, i32::MIN, 7, 7, 7, 7, 7, 7]));
                 prop_assert!(seen.last.len() <= 4);
                 // Means lie between the lowest and the highest look so far, as they are kept.
                 let kept = |score: i32| i32::from(kept(score)) << 12;

@@ -14,7 +14,7 @@ pub const MAX_VARIANCE: Real = Real::lit("100000000");
 
 /// Variances of a value and its rate, and their covariance, in thousandths squared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Spread {
+pub struct Covariance {
     /// Variance of the value.
     pub value: Real,
     /// Covariance of value and rate.
@@ -23,7 +23,7 @@ pub struct Spread {
     pub rate: Real,
 }
 
-impl Spread {
+impl Covariance {
     /// Of standard deviations in thousandths, independent of each other; at most 10 000 each.
     #[inline(never)]
     pub fn new(value: Real, rate: Real) -> Self {
@@ -63,7 +63,7 @@ impl Spread {
         gains
     }
 
-    /// As [`Spread::update`] for a measurement of the rate.
+    /// As [`Covariance::update`] for a measurement of the rate.
     #[inline(never)]
     pub fn update_rate(&mut self, variance: Real) -> [Real; 2] {
         let sum = self.rate + variance.min(MAX_VARIANCE);
@@ -112,7 +112,7 @@ mod tests {
             steps in prop::collection::vec((0.01..0.2f64, 0.5..100.0f64, any::<bool>()), 1..40),
             noise in 0.001..1.0f64,
         ) {
-            let mut spread = Spread::new(MILLI / 100, MILLI / 4);
+            let mut spread = Covariance::new(MILLI / 100, MILLI / 4);
             let mut p = [[100.0, 0.0], [0.0, 62_500.0]];
             for (dt, sigma, of_rate) in steps {
                 let variance = Real::from_num(sigma * sigma);
@@ -129,7 +129,7 @@ mod tests {
         #[test]
         fn nothing_panics(start: [u16; 2], steps in prop::collection::vec((any::<u32>(), any::<i64>(), 0..=10u8, any::<bool>()), 1..60)) {
             let [value, rate] = start.map(|v| Real::from_num(v.min(10_000)));
-            let mut spread = Spread::new(value, rate);
+            let mut spread = Covariance::new(value, rate);
             for (dt, variance, noise, of_rate) in steps {
                 let bend = Real::from_num(1 + dt % 4) / 2;
                 spread.predict(Real::from_bits(dt.into()), bend, Real::from_num(noise));

@@ -1,7 +1,7 @@
 //! The MAVLink dialect of Lookout: types of the messages that it sends, receives or requests, and the check of frames.
 //!
 //! The types are generated from `dialect.xml` by `build.rs`. A link carries many other messages; their frames are
-//! recognised (see [`Frames`]) and then left alone.
+//! recognised (see [`ArduPilotFrames`]) and then left alone.
 
 use mavlink_core::Dialect;
 use mavlink_core::error::ParserError;
@@ -19,9 +19,9 @@ pub use generated::dialect::*;
 /// distinguish a frame from noise: it searches for the next one inside its payload, and may wait there for bytes that are not
 /// part of any frame. Source: <https://mavlink.io/en/guide/serialization.html#crc_extra>.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Frames;
+pub struct ArduPilotFrames;
 
-impl Frames {
+impl ArduPilotFrames {
     /// Whether the checksum of `frame` is right. `false` for messages of other dialects.
     pub fn has_valid_crc(frame: &MAVLinkMessageRaw) -> bool {
         crc_extra(frame.message_id()).is_some_and(|extra| match frame {
@@ -31,7 +31,7 @@ impl Frames {
     }
 }
 
-impl Dialect for Frames {
+impl Dialect for ArduPilotFrames {
     type Message = MavMessage;
     type EncodeError = core::convert::Infallible;
 

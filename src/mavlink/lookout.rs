@@ -4,17 +4,19 @@
 
 use crate::camera::Camera;
 use crate::camera::attitude::{Attitude, Direction};
-use crate::camera::attitude_buffer::Attitudes;
+use crate::camera::attitude_buffer::AttitudeBuffer;
 use crate::detector::Detections;
 use crate::math::real::{ONE, PI, Real, ZERO};
 use crate::mavlink::component::parameters::{Parameter, Parameters};
-use crate::mavlink::component::{Component, Config, Event, GIMBAL_STALE_US, Outgoing, Trust};
+use crate::mavlink::component::{
+    Component, ComponentConfig, ComponentEvent, GIMBAL_STALE_US, Outgoing, Trust,
+};
 use crate::mavlink::messages::text::Notice;
 use crate::mavlink::messages::{Blind, Health};
-use crate::mavlink::placing::{Cause, News, Placing};
+use crate::mavlink::placing::{News, Placing, UnplacedCause};
 use crate::tracking::tracker;
 use crate::tracking::traffic::{MAX_TRAFFIC, Traffic};
-use crate::tracking::{Settings, Watch};
+use crate::tracking::{TrafficMonitor, TrafficSettings};
 use mavlink_core::MAVLinkMessageRaw;
 
 /// Bits after the point of a quaternion's numbers.
@@ -32,14 +34,14 @@ const NO_ATTITUDE_US: i64 = 1_500_000;
 /// use lookout::camera::Camera;
 /// use lookout::detector::Detections;
 /// use lookout::math::real::PI;
-/// use lookout::mavlink::component::Config;
+/// use lookout::mavlink::component::ComponentConfig;
 /// use lookout::mavlink::component::parameters::Parameters;
-/// use lookout::mavlink::lookout::Onboard;
+/// use lookout::mavlink::lookout::Lookout;
 /// use lookout::tracking::tracker;
 ///
 /// let camera = Camera::from_field_of_view(640, 480, PI / 3)?;
-/// let tracks = tracker::Settings::default();
-/// let mut onboard = Onboard::new(camera, tracks, Config::default(), Parameters::default(), 0);
+/// let tracks = tracker::TrackerSettings::default();
+/// let mut onboard = Lookout::new(camera, tracks, ComponentConfig::default(), Parameters::default(), 0);
 /// // For each frame: the detector's result, when it was taken, and when it was finished.
 /// let traffic = onboard.see(&Detections::default(), 0, 30_000);
 /// assert!(traffic.is_empty());
@@ -50,13 +52,13 @@ const NO_ATTITUDE_US: i64 = 1_500_000;
 /// # Ok::<(), lookout::camera::CameraError>(())
 /// ```
 #[derive(Debug)]
-pub struct Onboard {
-    tracks: tracker::Settings,
-    watch: Watch,
+pub struct Lookout {
+    tracks: tracker::TrackerSettings,
+    watch: TrafficMonitor,
     /// The vehicle's.
-    attitudes: Attitudes,
+    attitudes: AttitudeBuffer,
     /// Those of the gimbal that carries the camera, where there is one.
-    gimbal: Attitudes,
+    gimbal: AttitudeBuffer,
     /// The camera as it was given, and the field of view (radians) that it has itself.
     given: Camera,
     view: Option<Real>,
@@ -65,24 +67,24 @@ pub struct Onboard {
     placing: Placing,
     /// Time of the last frame, microseconds.
     frame_us: i64,
-    events: heapless::Deque<Event, EVENTS>,
+    events: heapless::Deque<ComponentEvent, EVENTS>,
 }
 
-impl Onboard {
+impl Lookout {
     /// Without traffic and without an autopilot. `tracks` are the settings for the scores of the model in use
-    /// ([`tracker::Settings::calibrated`]); `parameters` make them stricter or laxer.
+    /// ([`tracker::TrackerSettings::calibrated`]); `parameters` make them stricter or laxer.
     pub fn new(
         camera: Camera,
-        tracks: tracker::Settings,
-        config: Config,
+        tracks: tracker::TrackerSettings,
+        config: ComponentConfig,
         parameters: Parameters,
         now_us: i64,
     ) -> Self {
         Self {
             tracks,
-            watch: Watch::new(settings(tracks, &parameters), camera),
-            attitudes: Attitudes::new(),
-            gimbal: Attitudes::held_for(GIMBAL_STALE_US),
+            watch: TrafficMonitor::new(settings(tracks, &parameters), camera),
+            attitudes: AttitudeBuffer::new(),
+            gimbal: AttitudeBuffer::held_for(GIMBAL_STALE_US),
             given: camera,
             view: None,
             component: Component::new(config, parameters, now_us),
@@ -108,7 +110,8 @@ impl Onboard {
     }
 
     fn look_through(&mut self, camera: Camera) {
-        self.watch = Watch::new(settings(self.tracks, self.component.parameters()), camera);
+        self.watch =
+            TrafficMonitor::new(settings(self.tracks, self.component.parameters()), camera);
     }
 
     /// Sets the number of frames dropped since the start, the reasons for a blocked view, and the detector's time for the next
@@ -168,19 +171,21 @@ impl Onboard {
     /// Counts the objects that have no place in the world, and says so where it goes on.
     fn judge(&mut self, traffic: &[Traffic], time_us: i64, now_us: i64) {
         let gimbal = match self.component.gimbal() {
-            Some(_) if !self.is_gimbal_fresh(time_us) => Some(Cause::Gimbal),
+            Some(_) if !self.is_gimbal_fresh(time_us) => Some(UnplacedCause::Gimbal),
             _ => None,
         };
         let attitude = || match self.attitudes.last_before(time_us) {
-            Some(last) if time_us.saturating_sub(last) <= NO_ATTITUDE_US => Cause::RareAttitude,
-            _ => Cause::NoAttitude,
+            Some(last) if time_us.saturating_sub(last) <= NO_ATTITUDE_US => {
+                UnplacedCause::RareAttitude
+            }
+            _ => UnplacedCause::NoAttitude,
         };
         let autopilot = self.component.autopilot().is_some();
         // A gimbal that counts from the vehicle's heading is of no use without it.
         let heard = self.component.gimbal().and_then(|gimbal| gimbal.heard_us());
         let gimbal_comes = heard.is_some_and(|us| now_us.saturating_sub(us) <= GIMBAL_STALE_US);
         let undirected = || match gimbal {
-            _ if !autopilot => Cause::NoAutopilot,
+            _ if !autopilot => UnplacedCause::NoAutopilot,
             Some(gimbal) if !gimbal_comes => gimbal,
             _ => attitude(),
         };
@@ -189,7 +194,7 @@ impl Onboard {
         for object in confirmed.clone() {
             let cause = match object.ned {
                 None => Some(undirected()),
-                Some(_) if !positioned => Some(Cause::NoPosition),
+                Some(_) if !positioned => Some(UnplacedCause::NoPosition),
                 Some(_) => None,
             };
             self.placing.object(cause);
@@ -198,12 +203,12 @@ impl Onboard {
             self.placing.frame(gimbal.map(|_| undirected()));
         }
         match self.placing.news(now_us) {
-            None | Some(News::Lost(Cause::NoAutopilot)) => {}
+            None | Some(News::Lost(UnplacedCause::NoAutopilot)) => {}
             Some(news) => {
                 if self.component.parameters().is_on(Parameter::Text) {
                     self.component.notify(Notice::Map(news));
                 }
-                self.happened(Event::Map(news));
+                self.happened(ComponentEvent::Map(news));
             }
         }
     }
@@ -256,7 +261,7 @@ impl Onboard {
     }
 
     /// The next event, oldest first. Attitudes are handled here; when the queue is full the oldest event is dropped.
-    pub fn event(&mut self) -> Option<Event> {
+    pub fn event(&mut self) -> Option<ComponentEvent> {
         self.events.pop_front()
     }
 
@@ -268,17 +273,17 @@ impl Onboard {
     fn heed(&mut self) {
         while let Some(event) = self.component.event() {
             match event {
-                Event::Attitude { time_us, quaternion } => {
+                ComponentEvent::Attitude { time_us, quaternion } => {
                     if let Some(attitude) = from_wire(quaternion) {
                         self.attitudes.push(time_us, attitude);
                     }
                     continue;
                 }
-                Event::Rates { time_us, rates } => {
+                ComponentEvent::Rates { time_us, rates } => {
                     self.attitudes.push_rate(time_us, rates);
                     continue;
                 }
-                Event::Gimbal { time_us, quaternion, from_north } => {
+                ComponentEvent::Gimbal { time_us, quaternion, from_north } => {
                     let vehicle = || self.attitudes.at(time_us).map(heading);
                     let from = if from_north { Some(Attitude::IDENTITY) } else { vehicle() };
                     if let (Some(gimbal), Some(from)) = (from_wire(quaternion), from) {
@@ -286,19 +291,19 @@ impl Onboard {
                     }
                     continue;
                 }
-                Event::FieldOfView { degrees } => {
+                ComponentEvent::FieldOfView { degrees } => {
                     if !self.zoom(Real::from(degrees) * PI / 180) {
                         continue;
                     }
                 }
-                Event::Restarted | Event::Lost | Event::Found { .. } => {
+                ComponentEvent::Restarted | ComponentEvent::Lost | ComponentEvent::Found { .. } => {
                     self.attitudes.clear();
                     self.gimbal.clear();
                 }
-                Event::Parameter(_) => {
+                ComponentEvent::Parameter(_) => {
                     self.watch.set(settings(self.tracks, self.component.parameters()));
                 }
-                Event::Returned { .. } | Event::Map(_) => {}
+                ComponentEvent::Returned { .. } | ComponentEvent::Map(_) => {}
             }
             self.happened(event);
         }
@@ -315,7 +320,7 @@ impl Onboard {
         true
     }
 
-    fn happened(&mut self, event: Event) {
+    fn happened(&mut self, event: ComponentEvent) {
         if self.events.is_full() {
             self.events.pop_front();
         }
@@ -349,9 +354,9 @@ fn heading(vehicle: Attitude) -> Attitude {
 }
 
 /// Settings of tracker and alerts under these parameters.
-fn settings(tracks: tracker::Settings, parameters: &Parameters) -> Settings {
+fn settings(tracks: tracker::TrackerSettings, parameters: &Parameters) -> TrafficSettings {
     let real = |parameter| Real::from(parameters.get(parameter));
-    let mut settings = Settings { track: tracks, ..Settings::default() };
+    let mut settings = TrafficSettings { track: tracks, ..TrafficSettings::default() };
     let surer = parameters.get(Parameter::Threshold).to_bits();
     settings.track.start_score = tracks.start_score.saturating_add(surer);
     settings.track.confirm_score = tracks.confirm_score.saturating_add(surer);
@@ -371,15 +376,15 @@ mod tests {
 
     #[test]
     fn the_parameters_defaults_are_those_of_the_tracker() {
-        let tracks = tracker::Settings::default();
-        assert_eq!(settings(tracks, &Parameters::default()), Settings::default());
+        let tracks = tracker::TrackerSettings::default();
+        assert_eq!(settings(tracks, &Parameters::default()), TrafficSettings::default());
     }
 
     #[test]
     fn the_threshold_moves_the_scores_of_the_model() {
         let (start_score, confirm_score, keep_score) = (-9, -7, -20);
-        let default = tracker::Settings::default();
-        let tracks = tracker::Settings { start_score, confirm_score, keep_score, ..default };
+        let default = tracker::TrackerSettings::default();
+        let tracks = tracker::TrackerSettings { start_score, confirm_score, keep_score, ..default };
         let mut parameters = Parameters::default();
         assert!(parameters.set(Parameter::Threshold, 1.0));
         let moved = settings(tracks, &parameters).track;
@@ -390,8 +395,8 @@ mod tests {
     #[test]
     fn an_autopilot_is_told_of_once() {
         let camera = Camera::from_field_of_view(64, 48, Real::ONE).unwrap();
-        let (tracks, parameters) = (tracker::Settings::default(), Parameters::default());
-        let mut onboard = Onboard::new(camera, tracks, Config::default(), parameters, 0);
+        let (tracks, parameters) = (tracker::TrackerSettings::default(), Parameters::default());
+        let mut onboard = Lookout::new(camera, tracks, ComponentConfig::default(), parameters, 0);
         let heartbeat = HEARTBEAT_DATA {
             autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
             mavtype: MavType::MAV_TYPE_QUADROTOR,
@@ -401,7 +406,7 @@ mod tests {
         for now_us in [0, 1_000_000] {
             onboard.hear(0, &frame, Trust::Open, now_us);
         }
-        assert_eq!(onboard.event(), Some(Event::Found { system_id: 7, autopilot: 12 }));
+        assert_eq!(onboard.event(), Some(ComponentEvent::Found { system_id: 7, autopilot: 12 }));
         assert_eq!(onboard.event(), None);
     }
 }

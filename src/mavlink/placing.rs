@@ -2,7 +2,7 @@
 
 /// Why an object has no direction in the world, or no place to count it from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Cause {
+pub enum UnplacedCause {
     /// No autopilot is heard.
     NoAutopilot,
     /// The autopilot sends no attitude.
@@ -15,13 +15,13 @@ pub enum Cause {
     NoPosition,
 }
 
-impl Cause {
+impl UnplacedCause {
     /// All of them, in the order of their numbers.
     pub const ALL: [Self; 5] =
         [Self::NoAutopilot, Self::NoAttitude, Self::RareAttitude, Self::Gimbal, Self::NoPosition];
 }
 
-impl core::fmt::Display for Cause {
+impl core::fmt::Display for UnplacedCause {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::NoAutopilot => "no autopilot was heard",
@@ -43,26 +43,26 @@ const AGAIN_US: i64 = 60_000_000;
 
 /// Objects counted by what became of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Counts {
+pub struct PlacingCounts {
     /// Those that have a direction in the world.
     pub placed: u32,
-    /// Those that have none, by [`Cause`].
-    pub lost: [u32; Cause::ALL.len()],
+    /// Those that have none, by [`UnplacedCause`].
+    pub lost: [u32; UnplacedCause::ALL.len()],
 }
 
-impl Counts {
+impl PlacingCounts {
     /// All objects.
     pub fn all(&self) -> u32 {
         self.lost.iter().fold(self.placed, |sum, lost| sum.saturating_add(*lost))
     }
 
     /// The commonest cause and its number, where there is any.
-    pub fn worst(&self) -> Option<(Cause, u32)> {
-        let lost = Cause::ALL.into_iter().zip(self.lost).filter(|(_, lost)| *lost > 0);
+    pub fn worst(&self) -> Option<(UnplacedCause, u32)> {
+        let lost = UnplacedCause::ALL.into_iter().zip(self.lost).filter(|(_, lost)| *lost > 0);
         lost.max_by_key(|(_, lost)| *lost)
     }
 
-    fn count(&mut self, cause: Option<Cause>) {
+    fn count(&mut self, cause: Option<UnplacedCause>) {
         let place = match cause {
             Some(cause) => &mut self.lost[cause as usize],
             None => &mut self.placed,
@@ -75,7 +75,7 @@ impl Counts {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum News {
     /// Much is lost, for this reason.
-    Lost(Cause),
+    Lost(UnplacedCause),
     /// Nothing is lost any more.
     Good,
 }
@@ -83,31 +83,31 @@ pub enum News {
 /// What became of all objects so far.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Placing {
-    total: Counts,
-    window: Counts,
+    total: PlacingCounts,
+    window: PlacingCounts,
     since_us: Option<i64>,
-    told: Option<(Cause, i64)>,
+    told: Option<(UnplacedCause, i64)>,
 }
 
 impl Placing {
     /// An object in one frame (`None`: it has a direction in the world).
-    pub fn object(&mut self, cause: Option<Cause>) {
+    pub fn object(&mut self, cause: Option<UnplacedCause>) {
         self.total.count(cause);
         self.window.count(cause);
     }
 
     /// A frame without objects that would have had none either.
-    pub fn frame(&mut self, cause: Option<Cause>) {
+    pub fn frame(&mut self, cause: Option<UnplacedCause>) {
         self.window.count(cause);
     }
 
     /// All objects so far, one count for each in each frame.
-    pub fn counts(&self) -> &Counts {
+    pub fn counts(&self) -> &PlacingCounts {
         &self.total
     }
 
     /// The cause that was reported last and still holds.
-    pub fn current(&self) -> Option<Cause> {
+    pub fn current(&self) -> Option<UnplacedCause> {
         self.told.map(|(cause, _)| cause)
     }
 
@@ -148,7 +148,7 @@ mod tests {
         placing: &mut Placing,
         from: i64,
         count: i64,
-        cause: impl Fn(i64) -> Option<Cause>,
+        cause: impl Fn(i64) -> Option<UnplacedCause>,
     ) -> std::vec::Vec<News> {
         let frames = (from * 10..(from + count) * 10).filter_map(|frame| {
             placing.object(cause(frame));
@@ -161,22 +161,25 @@ mod tests {
     fn what_goes_on_is_said_once_a_minute_and_its_end_once() {
         let mut placing = Placing::default();
         assert_eq!(seconds(&mut placing, 0, 10, |_| None), []);
-        let rare = |frame: i64| (frame % 2 == 0).then_some(Cause::RareAttitude);
-        assert_eq!(seconds(&mut placing, 10, 50, rare), [News::Lost(Cause::RareAttitude)]);
-        assert_eq!(placing.current(), Some(Cause::RareAttitude));
-        assert_eq!(seconds(&mut placing, 60, 30, rare), [News::Lost(Cause::RareAttitude)]);
-        assert_eq!(seconds(&mut placing, 90, 10, |_| Some(Cause::NoPosition)).len(), 1);
+        let rare = |frame: i64| (frame % 2 == 0).then_some(UnplacedCause::RareAttitude);
+        assert_eq!(seconds(&mut placing, 10, 50, rare), [News::Lost(UnplacedCause::RareAttitude)]);
+        assert_eq!(placing.current(), Some(UnplacedCause::RareAttitude));
+        assert_eq!(seconds(&mut placing, 60, 30, rare), [News::Lost(UnplacedCause::RareAttitude)]);
+        assert_eq!(seconds(&mut placing, 90, 10, |_| Some(UnplacedCause::NoPosition)).len(), 1);
         assert_eq!(seconds(&mut placing, 100, 10, |_| None), [News::Good]);
         assert_eq!(placing.current(), None);
         let counts = placing.counts();
-        assert_eq!((counts.all(), counts.worst()), (1100, Some((Cause::RareAttitude, 400))));
-        assert_eq!((counts.placed, counts.lost[Cause::NoPosition as usize]), (600, 100));
+        assert_eq!(
+            (counts.all(), counts.worst()),
+            (1100, Some((UnplacedCause::RareAttitude, 400)))
+        );
+        assert_eq!((counts.placed, counts.lost[UnplacedCause::NoPosition as usize]), (600, 100));
     }
 
     #[test]
     fn a_single_frame_is_no_news() {
         let mut placing = Placing::default();
-        let one = |frame: i64| (frame % 10 == 0).then_some(Cause::Gimbal);
+        let one = |frame: i64| (frame % 10 == 0).then_some(UnplacedCause::Gimbal);
         assert_eq!(seconds(&mut placing, 0, 20, one), []);
         // A clock that is set back starts another window.
         assert_eq!(placing.news(-5_000_000), None);

@@ -31,17 +31,17 @@ const PRIOR: i64 = 1 << 28;
 /// A motion of the whole picture: maps a point of a frame to where it was in the frame before.
 ///
 /// ```
-/// use lookout::registration::Motion;
+/// use lookout::registration::GlobalMotion;
 ///
 /// // The background was 2 px further right in the frame before: parameter a, Q16.
-/// let motion = Motion::new(640, 480, [2 << 16, 0, 0, 0, 0, 0, 0, 0]);
+/// let motion = GlobalMotion::new(640, 480, [2 << 16, 0, 0, 0, 0, 0, 0, 0]);
 /// // Points are in Q8.
 /// assert_eq!(motion.map(100 << 8, 50 << 8), (102 << 8, 50 << 8));
-/// assert!(!Motion::IDENTITY.is_valid());
+/// assert!(!GlobalMotion::IDENTITY.is_valid());
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Motion {
-    /// Of the polynomials in [`Motion::shift`], in pixels, Q16.
+pub struct GlobalMotion {
+    /// Of the polynomials in [`GlobalMotion::shift`], in pixels, Q16.
     parameters: [i32; 8],
     /// Middle of the frame, in half pixels.
     centre: (i32, i32),
@@ -50,13 +50,13 @@ pub struct Motion {
     valid: bool,
 }
 
-impl Default for Motion {
+impl Default for GlobalMotion {
     fn default() -> Self {
         Self::IDENTITY
     }
 }
 
-impl Motion {
+impl GlobalMotion {
     /// No motion, not measured.
     pub const IDENTITY: Self = Self { parameters: [0; 8], centre: (0, 0), scale: 0, valid: false };
 
@@ -73,7 +73,7 @@ impl Motion {
         Self { parameters: [x << (16 + octave), y << (16 + octave), b, c, e, f, g, h], ..self }
     }
 
-    /// A measured motion of frames of this size: eight parameters as [`Motion::parameters`] gives them, each brought to
+    /// A measured motion of frames of this size: eight parameters as [`GlobalMotion::parameters`] gives them, each brought to
     /// at most 2^26 in magnitude.
     pub fn new(width: usize, height: usize, parameters: [i32; 8]) -> Self {
         let parameters = parameters.map(|v| v.clamp(-1 << 26, 1 << 26));
@@ -127,7 +127,7 @@ impl Motion {
 
 /// A corner of the new frame and its shift towards the last one, in pixels of the frame, Q8.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Sample {
+pub(crate) struct CornerShift {
     pub(crate) x: i32,
     pub(crate) y: i32,
     pub(crate) dx: i32,
@@ -137,7 +137,7 @@ pub(crate) struct Sample {
 /// Robust fit of a motion with up to `unknowns` parameters: iteratively reweighted least squares with Tukey's biweight,
 /// whose threshold is three times the median distance of each round. Starts from the median shift.
 #[inline(never)]
-pub(crate) fn fit(still: Motion, samples: &[Sample], unknowns: usize) -> Motion {
+pub(crate) fn fit(still: GlobalMotion, samples: &[CornerShift], unknowns: usize) -> GlobalMotion {
     if samples.len() < MIN_INLIERS {
         return still;
     }
@@ -163,13 +163,13 @@ pub(crate) fn fit(still: Motion, samples: &[Sample], unknowns: usize) -> Motion 
     if unmoved <= misfit(&far) * 9 / 8 + count * STILLNESS {
         motion = still;
     }
-    Motion { valid, ..motion }
+    GlobalMotion { valid, ..motion }
 }
 
 /// Distances of samples from a motion, in pixels, Q8: see [`distance`].
 type Distances = heapless::Vec<i32, MAX_SAMPLES>;
 
-fn distances(motion: &Motion, samples: &[Sample]) -> Distances {
+fn distances(motion: &GlobalMotion, samples: &[CornerShift]) -> Distances {
     samples.iter().map(|sample| distance(motion, sample)).collect()
 }
 
@@ -184,7 +184,7 @@ fn spread(distances: &Distances) -> i64 {
 }
 
 /// Larger of the distances in x and y between a sample and where the motion puts it, in pixels, Q8.
-fn distance(motion: &Motion, sample: &Sample) -> i32 {
+fn distance(motion: &GlobalMotion, sample: &CornerShift) -> i32 {
     let (dx, dy) = motion.shift(sample.x, sample.y);
     (sample.dx - dx).abs().max((sample.dy - dy).abs())
 }
@@ -198,12 +198,12 @@ fn median(values: impl Iterator<Item = i32>) -> i32 {
 
 /// One least-squares fit, samples weighted by their distances `far` from `motion`.
 fn weighted_fit(
-    motion: &Motion,
-    samples: &[Sample],
+    motion: &GlobalMotion,
+    samples: &[CornerShift],
     far: &Distances,
     unknowns: usize,
     threshold: i64,
-) -> Option<Motion> {
+) -> Option<GlobalMotion> {
     let (mut matrix, mut right) = ([[0i64; 8]; 8], [0i64; 8]);
     for (i, row) in matrix.iter_mut().enumerate().skip(2) {
         row[i] = PRIOR;
@@ -233,7 +233,10 @@ fn weighted_fit(
     }
     // Rows are Q12, shifts Q8, parameters Q16.
     let solution = linear::solve(&matrix, &right, unknowns, 20)?;
-    Some(Motion { parameters: solution.map(|v| v.clamp(-1 << 26, 1 << 26) as i32), ..*motion })
+    Some(GlobalMotion {
+        parameters: solution.map(|v| v.clamp(-1 << 26, 1 << 26) as i32),
+        ..*motion
+    })
 }
 
 #[cfg(test)]
@@ -246,7 +249,7 @@ pub(crate) mod tests {
     pub(crate) fn error(
         w: usize,
         h: usize,
-        motion: &Motion,
+        motion: &GlobalMotion,
         truth: impl Fn(f64, f64) -> (f64, f64),
     ) -> f64 {
         let mut worst = 0f64;
@@ -261,15 +264,15 @@ pub(crate) mod tests {
     proptest! {
         #[test]
         fn one_fit_agrees_with_f64(parameters in proptest::array::uniform8(-8.0..8.0f64), jitter in proptest::collection::vec((0..640i32, 0..480i32, -400..400i32, -400..400i32), 30..200)) {
-            let still = Motion::still(640, 480);
+            let still = GlobalMotion::still(640, 480);
             let basis = |x: i32, y: i32| {
                 let (x, y) = ((f64::from(x) - 320.0) / 512.0, (f64::from(y) - 240.0) / 512.0);
                 [[1.0, 0.0, x, y, 0.0, 0.0, x * x, x * y], [0.0, 1.0, 0.0, 0.0, x, y, x * y, y * y]]
             };
             let dot = |a: [f64; 8], b: [f64; 8]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-            let samples: Vec<Sample> = jitter.iter().map(|&(x, y, jx, jy)| {
+            let samples: Vec<CornerShift> = jitter.iter().map(|&(x, y, jx, jy)| {
                 let [dx, dy] = basis(x, y).map(|row| (dot(row, parameters) * 256.0) as i32);
-                Sample { x: x << 8, y: y << 8, dx: dx + jx, dy: dy + jy }
+                CornerShift { x: x << 8, y: y << 8, dx: dx + jx, dy: dy + jy }
             }).collect();
             let threshold = 12 << 8;
             let got = weighted_fit(&still, &samples, &distances(&still, &samples), 8, threshold).unwrap();

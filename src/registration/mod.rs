@@ -17,8 +17,8 @@ pub mod warp;
 use crate::image::Image;
 use crate::image::pyramid;
 use crate::math::threads;
-pub use global_motion::Motion;
-use global_motion::{MAX_SAMPLES, MIN_INLIERS, Sample, fit};
+pub use global_motion::GlobalMotion;
+use global_motion::{CornerShift, MAX_SAMPLES, MIN_INLIERS, fit};
 
 /// Levels of the pyramid: a half, a quarter, an eighth of the frame.
 pub const LEVELS: usize = 3;
@@ -51,11 +51,11 @@ const MIN_SIDE: usize = 48;
 const MAX_SHIFT: i32 = 512 << 8;
 
 /// The corners of a frame that could be tracked.
-type Samples = heapless::Vec<Sample, MAX_SAMPLES>;
+type CornerShifts = heapless::Vec<CornerShift, MAX_SAMPLES>;
 
 /// Why frames cannot be processed in given memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Error {
+pub enum RegistrationError {
     /// The memory has too few bytes.
     BufferTooSmall {
         /// Bytes needed.
@@ -70,7 +70,7 @@ pub enum Error {
     },
 }
 
-impl core::fmt::Display for Error {
+impl core::fmt::Display for RegistrationError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::BufferTooSmall { needed } => write!(f, "a buffer needs {needed} bytes"),
@@ -81,7 +81,7 @@ impl core::fmt::Display for Error {
     }
 }
 
-impl core::error::Error for Error {}
+impl core::error::Error for RegistrationError {}
 
 /// Bytes that [`Registration`] needs for frames of this size.
 pub const fn buffer_len(width: usize, height: usize) -> usize {
@@ -136,11 +136,11 @@ impl<B: AsMut<[u8]>> Registration<B> {
     /// For frames of this size; no frame seen yet.
     ///
     /// # Errors
-    /// [`Error::BufferTooSmall`] if the buffer has fewer bytes than [`buffer_len`].
-    pub fn new(width: usize, height: usize, mut buffer: B) -> Result<Self, Error> {
+    /// [`RegistrationError::BufferTooSmall`] if the buffer has fewer bytes than [`buffer_len`].
+    pub fn new(width: usize, height: usize, mut buffer: B) -> Result<Self, RegistrationError> {
         let needed = buffer_len(width, height);
         if buffer.as_mut().len() < needed {
-            return Err(Error::BufferTooSmall { needed });
+            return Err(RegistrationError::BufferTooSmall { needed });
         }
         Ok(Self { width, height, primed: false, swapped: false, buffer })
     }
@@ -149,11 +149,11 @@ impl<B: AsMut<[u8]>> Registration<B> {
     /// the pictures have too few corners.
     ///
     /// # Errors
-    /// [`Error::FrameSize`] if the frame has another size; it is not taken then.
-    pub fn register(&mut self, frame: Image<'_>) -> Result<Motion, Error> {
+    /// [`RegistrationError::FrameSize`] if the frame has another size; it is not taken then.
+    pub fn register(&mut self, frame: Image<'_>) -> Result<GlobalMotion, RegistrationError> {
         let (width, height) = (frame.width(), frame.height());
         if (width, height) != (self.width, self.height) {
-            return Err(Error::FrameSize { width, height });
+            return Err(RegistrationError::FrameSize { width, height });
         }
         let len = pyramid_len(width, height);
         let (first, second) = self.buffer.as_mut()[..2 * len].split_at_mut(len);
@@ -161,7 +161,7 @@ impl<B: AsMut<[u8]>> Registration<B> {
         let new = build(frame, new);
         self.swapped = !self.swapped;
         if !core::mem::replace(&mut self.primed, true) {
-            return Ok(Motion::IDENTITY);
+            return Ok(GlobalMotion::IDENTITY);
         }
         let old = levels(width, height, old);
         Ok(measure((width, height), Search::Dense, &new, &old))
@@ -176,9 +176,9 @@ pub fn measure(
     search: Search,
     new: &[Image<'_>; LEVELS],
     old: &[Image<'_>; LEVELS],
-) -> Motion {
+) -> GlobalMotion {
     let corners = corners(new[0], search);
-    let still = Motion::still(width, height);
+    let still = GlobalMotion::still(width, height);
     // A level of few pixels shows the windows only the middle of the picture.
     let side = |level: usize| new[level].width().min(new[level].height());
     let coarsest = (1..LEVELS).rev().find(|&level| side(level) >= MIN_SIDE).unwrap_or(0);
@@ -193,18 +193,18 @@ pub fn measure(
             motion = follow(&corners, (still, start), coarsest.min(level - 1), search, new, old);
         }
     }
-    if motion.is_valid() { motion } else { Motion::IDENTITY }
+    if motion.is_valid() { motion } else { GlobalMotion::IDENTITY }
 }
 
 /// Tracks `corners` from the `coarsest` level to the finest, beginning with the motion `start`.
 fn follow(
     corners: &[(i32, i32)],
-    (still, start): (Motion, Motion),
+    (still, start): (GlobalMotion, GlobalMotion),
     coarsest: usize,
     search: Search,
     new: &[Image<'_>; LEVELS],
     old: &[Image<'_>; LEVELS],
-) -> Motion {
+) -> GlobalMotion {
     let parallel = search == Search::Dense && threads::several();
     let mut motion = start;
     for level in (0..=coarsest).rev() {
@@ -214,10 +214,10 @@ fn follow(
             let guess = (dx >> bits, dy >> bits);
             let found = lucas_kanade::track(new[level], old[level], (x >> bits, y >> bits), guess);
             let (dx, dy) = found.map(|(dx, dy)| (dx << bits, dy << bits))?;
-            (dx.abs().max(dy.abs()) < MAX_SHIFT).then_some(Sample { x, y, dx, dy })
+            (dx.abs().max(dy.abs()) < MAX_SHIFT).then_some(CornerShift { x, y, dx, dy })
         };
         // There are no more corners than the samples have room for.
-        let samples: Samples = if parallel {
+        let samples: CornerShifts = if parallel {
             let mut tracked = [None; MAX_SAMPLES];
             threads::pieces(&mut tracked[..corners.len()], PIECE, true, |number, tracked| {
                 for (tracked, corner) in tracked.iter_mut().zip(&corners[number * PIECE..]) {
@@ -305,11 +305,11 @@ mod tests {
     use std::vec::Vec;
 
     /// Registers two frames of a size, the older first.
-    fn register(w: usize, h: usize, older: &[u8], newer: &[u8]) -> Motion {
+    fn register(w: usize, h: usize, older: &[u8], newer: &[u8]) -> GlobalMotion {
         let buffer = vec![0xa5; buffer_len(w, h)];
         let mut registration = Registration::new(w, h, buffer).unwrap();
         let view = |pixels| Image::packed(pixels, w, h).unwrap();
-        assert_eq!(registration.register(view(older)).unwrap(), Motion::IDENTITY);
+        assert_eq!(registration.register(view(older)).unwrap(), GlobalMotion::IDENTITY);
         registration.register(view(newer)).unwrap()
     }
 
@@ -429,11 +429,11 @@ mod tests {
                 if drone { 60.0 + 8.0 * x.sin() } else { 190.0 + y / 8.0 + (noise % 5) as f64 }
             })
         };
-        assert_eq!(register(320, 240, &sky(1, 100.0), &sky(5, 104.0)), Motion::IDENTITY);
-        assert_eq!(register(320, 240, &[0; 76_800], &[255; 76_800]), Motion::IDENTITY);
+        assert_eq!(register(320, 240, &sky(1, 100.0), &sky(5, 104.0)), GlobalMotion::IDENTITY);
+        assert_eq!(register(320, 240, &[0; 76_800], &[255; 76_800]), GlobalMotion::IDENTITY);
         for (w, h) in [(0, 0), (0, 9), (1, 1), (7, 5), (16, 16), (640, 3), (29, 31)] {
             let pixels = render(w, h, texture);
-            assert_eq!(register(w, h, &pixels, &pixels), Motion::IDENTITY, "{w}x{h}");
+            assert_eq!(register(w, h, &pixels, &pixels), GlobalMotion::IDENTITY, "{w}x{h}");
         }
     }
 
@@ -444,7 +444,7 @@ mod tests {
         assert!(motion.is_valid() && motion.is_identity());
 
         let view = |stride| Image::new(&pixels, 141, 101, stride).unwrap();
-        let mut results = [139usize, 200].map(|_| Motion::IDENTITY);
+        let mut results = [139usize, 200].map(|_| GlobalMotion::IDENTITY);
         let packed: Vec<u8> = (0..101).flat_map(|y| view(200).row(y).to_vec()).collect();
         let frames = [Image::packed(&packed, 141, 101).unwrap(), view(200)];
         for (result, frame) in results.iter_mut().zip(frames) {
@@ -477,7 +477,7 @@ mod tests {
     fn memory_and_frames_of_another_size_are_refused() {
         let needed = buffer_len(64, 48);
         let refused = Registration::new(64, 48, vec![0; needed - 1]).map(drop);
-        assert_eq!(refused, Err(Error::BufferTooSmall { needed }));
+        assert_eq!(refused, Err(RegistrationError::BufferTooSmall { needed }));
         let (first, second) = (render(64, 48, texture), render(64, 48, |x, y| texture(x + 2.0, y)));
         let [first, second] =
             [&first, &second].map(|pixels| Image::packed(pixels, 64, 48).unwrap());
@@ -485,7 +485,7 @@ mod tests {
         let motions = [first, second].map(|frame| registration.register(frame).unwrap());
         let mut again = Registration::new(64, 48, vec![0; needed]).unwrap();
         assert_eq!(again.register(first), Ok(motions[0]));
-        let error = Error::FrameSize { width: 48, height: 64 };
+        let error = RegistrationError::FrameSize { width: 48, height: 64 };
         assert_eq!(again.register(Image::packed(&[0; 48 * 64], 48, 64).unwrap()), Err(error));
         assert_eq!(again.register(second), Ok(motions[1]));
     }

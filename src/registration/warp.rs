@@ -3,7 +3,7 @@
 use crate::image::Image;
 use crate::math::slices;
 use crate::math::threads;
-use crate::registration::Motion;
+use crate::registration::GlobalMotion;
 
 /// Side of the blocks whose corners are mapped exactly; inside, positions are interpolated.
 const BLOCK: usize = 16;
@@ -24,7 +24,7 @@ pub fn warp(
     previous: Image<'_>,
     current: Image<'_>,
     octave: u32,
-    chain: &[Motion],
+    chain: &[GlobalMotion],
     parallel: bool,
     out: &mut [u8],
 ) {
@@ -45,12 +45,12 @@ fn warp_rows(
     previous: Image<'_>,
     current: Image<'_>,
     octave: u32,
-    chain: &[Motion],
+    chain: &[GlobalMotion],
     first: usize,
     out: &mut [u8],
 ) {
     let width = current.width();
-    if chain.iter().all(Motion::is_identity) {
+    if chain.iter().all(GlobalMotion::is_identity) {
         for (y, out) in (first..).zip(slices::rows_mut(out, width)) {
             slices::copy(previous.row(y), out);
         }
@@ -74,7 +74,7 @@ fn warp_blocks(
     previous: Image<'_>,
     current: Image<'_>,
     octave: u32,
-    chain: &[Motion],
+    chain: &[GlobalMotion],
     (start, first): (usize, usize),
     knots: &mut [(i32, i32)],
     out: &mut [u8],
@@ -94,7 +94,7 @@ fn warp_blocks(
                 let start = between(left, j);
                 let end = between(right, j);
                 let slope = ((end.0 - start.0) >> 4, (end.1 - start.1) >> 4);
-                let segment = Segment { x, y, shift: start, slope };
+                let segment = RowSegment { x, y, shift: start, slope };
                 let columns = BLOCK.min(width - x);
                 let out = slices::part_mut(out, j * width + x, columns);
                 let instead = slices::part(current.row(y), x, columns);
@@ -119,7 +119,7 @@ fn warp_blocks(
 }
 
 /// Shift of the centre of pixel (x, y) of the halved frames through the whole chain, in their pixels, Q16.
-fn knot(chain: &[Motion], octave: u32, x: usize, y: usize) -> (i32, i32) {
+fn knot(chain: &[GlobalMotion], octave: u32, x: usize, y: usize) -> (i32, i32) {
     let centre = |v: usize| ((2 * v + 1) << (7 + octave)) as i32;
     let start = (centre(x), centre(y));
     let end = chain.iter().fold(start, |(x, y), motion| motion.map(x, y));
@@ -135,7 +135,7 @@ fn between([upper, lower]: [(i32, i32); 2], j: usize) -> (i32, i32) {
 }
 
 /// Part of a row of one block.
-struct Segment {
+struct RowSegment {
     x: usize,
     y: usize,
     /// Shift of its first pixel, in pixels, Q16.
@@ -144,7 +144,7 @@ struct Segment {
     slope: (i32, i32),
 }
 
-impl Segment {
+impl RowSegment {
     /// The part from pixel `i` on.
     fn from(&self, i: usize) -> Self {
         let along = |shift: i32, slope: i32| shift + i as i32 * slope;
@@ -185,7 +185,7 @@ impl Segment {
         true
     }
 
-    /// As [`Segment::copy_straight`] of a whole row of a block, where the whole part of the shift grows or shrinks by up to
+    /// As [`RowSegment::copy_straight`] of a whole row of a block, where the whole part of the shift grows or shrinks by up to
     /// one on the way. False when it changes more or pixels are missing.
     #[inline(always)]
     fn copy_stepped(&self, from: Image<'_>, out: &mut [u8]) -> bool {
@@ -381,7 +381,7 @@ mod tests {
     use std::vec::Vec;
 
     /// A measured motion: the texture turned by an angle and shifted.
-    fn motion(w: usize, h: usize, angle: f64, dx: f64, dy: f64) -> Motion {
+    fn motion(w: usize, h: usize, angle: f64, dx: f64, dy: f64) -> GlobalMotion {
         let buffer = vec![0; buffer_len(w, h)];
         let mut registration = Registration::new(w, h, buffer).unwrap();
         for k in [0.0, 1.0] {
@@ -436,7 +436,7 @@ mod tests {
         let (previous, current) =
             (Image::new(&pixels, 38, 23, 41).unwrap(), Image::packed(&[7; 874], 38, 23).unwrap());
         let mut out = vec![0; 874];
-        warp(previous, current, 0, &[Motion::IDENTITY; 3], true, &mut out);
+        warp(previous, current, 0, &[GlobalMotion::IDENTITY; 3], true, &mut out);
         assert!((0..23).all(|y| out[y * 38..][..38] == *previous.row(y)));
         warp(
             Image::packed(&[], 0, 4).unwrap(),

@@ -5,7 +5,7 @@
 
 use crate::channels::window::PADDING;
 use crate::channels::window::WINDOW;
-use crate::scan::aggregate::{MAP_CHANNELS, Strip};
+use crate::scan::aggregate::{MAP_CHANNELS, MapStrip};
 use crate::scan::lanes::{self, Cascade, Windows};
 use crate::trees::Forest;
 
@@ -34,9 +34,9 @@ pub struct Map<'a> {
 
 impl<'a> Map<'a> {
     /// Rows of the map of a level of `columns` cells in a row.
-    pub fn new(strip: Strip<'a>, columns: usize) -> Self {
+    pub fn new(strip: MapStrip<'a>, columns: usize) -> Self {
         let width = columns + 2 * PADDING;
-        let Strip { top, bytes } = strip;
+        let MapStrip { top, bytes } = strip;
         let rows = bytes.len() / (width * MAP_CHANNELS);
         let count = ((width + 1).saturating_sub(WINDOW), (rows + 1).saturating_sub(WINDOW));
         Self { windows: Windows { bytes, width, count }, top }
@@ -162,7 +162,7 @@ mod tests {
         ) {
             let (width, height) = (columns + 2 * PADDING, rows + 2 * PADDING);
             let bytes: Vec<u8> = seed.into_iter().cycle().take(width * height * MAP_CHANNELS).collect();
-            let map = Map::new(Strip { top: first, bytes: &bytes }, columns);
+            let map = Map::new(MapStrip { top: first, bytes: &bytes }, columns);
             let file = encode(2, bias, FEATURES as u16, &trees);
             let (forest, _) = Forest::parse(&file).unwrap();
             let (mut naive, mut windows) = (vec![], 0);
@@ -211,7 +211,7 @@ mod tests {
         ) {
             let (width, height) = (columns + 2 * PADDING, rows + 2 * PADDING);
             let bytes: Vec<u8> = seed.into_iter().cycle().take(width * height * MAP_CHANNELS).collect();
-            let map = Map::new(Strip { top: first, bytes: &bytes }, columns);
+            let map = Map::new(MapStrip { top: first, bytes: &bytes }, columns);
             // Seven nodes and eight leaves of two trees.
             let trees: Vec<Tree> = trees.into_iter().map(|((reject, nodes, leaves), (_, others, more))| {
                 let nodes = nodes.iter().chain(&others).chain(&others[..1]).copied().collect();

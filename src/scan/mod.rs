@@ -7,12 +7,12 @@ pub mod cascade;
 pub mod lanes;
 
 use crate::channels::DIFFERENCES;
-use crate::channels::scale_space::{Geometry, Level, Pictures, Pyramid};
+use crate::channels::scale_space::{LevelView, Pyramid, PyramidLayout, PyramidLevel};
 use crate::channels::window::{PADDING, Position, WINDOW};
 use crate::image::nms;
 use crate::math::slices;
 use crate::trees::Forest;
-use aggregate::Strip;
+use aggregate::MapStrip;
 use cascade::{Candidate, Map};
 use core::cmp::Reverse;
 use heapless::binary_heap::{BinaryHeap, Min};
@@ -35,14 +35,14 @@ const STRIP_ROWS: usize = WINDOW + 11;
 const CANDIDATE_WORDS: usize = 5;
 
 /// Best windows of one level.
-type Kept = BinaryHeap<(i32, Reverse<(i16, i16)>), Min, MAX_KEPT>;
+type TopWindows = BinaryHeap<(i32, Reverse<(i16, i16)>), Min, MAX_KEPT>;
 
 /// The windows that are handed on, best first.
 pub type Candidates = heapless::Vec<Candidate, MAX_CANDIDATES>;
 
 /// What the scan did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Counts {
+pub struct ScanWork {
     /// Windows that were looked at.
     pub windows: u32,
     /// Windows that the cascade kept.
@@ -66,7 +66,7 @@ pub fn window(candidate: &Candidate) -> Position {
 }
 
 /// Bytes and words that a level takes to be scanned.
-const fn level_scratch(level: &Level) -> (usize, usize) {
+const fn level_scratch(level: &PyramidLevel) -> (usize, usize) {
     let columns = level.cells().0;
     if level.active {
         (aggregate::strip_bytes(columns, STRIP_ROWS), aggregate::strip_words(columns))
@@ -76,7 +76,7 @@ const fn level_scratch(level: &Level) -> (usize, usize) {
 }
 
 /// Of all levels: the sum where they are scanned in `parallel`, the largest where one follows the other.
-const fn scratch(geometry: &Geometry, parallel: bool) -> (usize, usize) {
+const fn scratch(geometry: &PyramidLayout, parallel: bool) -> (usize, usize) {
     let (mut bytes, mut words, mut i) = (0, 0, 0);
     while i < geometry.levels().len() {
         let level = level_scratch(&geometry.levels()[i]);
@@ -88,17 +88,17 @@ const fn scratch(geometry: &Geometry, parallel: bool) -> (usize, usize) {
 }
 
 /// Bytes of [`Scratch`], with room for levels in parallel or for one after the other.
-pub const fn bytes_len(geometry: &Geometry, parallel: bool) -> usize {
+pub const fn bytes_len(geometry: &PyramidLayout, parallel: bool) -> usize {
     scratch(geometry, parallel).0
 }
 
 /// Words of [`Scratch`], as [`bytes_len`].
-pub const fn words_len(geometry: &Geometry, parallel: bool) -> usize {
+pub const fn words_len(geometry: &PyramidLayout, parallel: bool) -> usize {
     candidate_words(geometry) + scratch(geometry, parallel).1
 }
 
 /// Words for the candidates of all levels; before there are any, of the noise.
-const fn candidate_words(geometry: &Geometry) -> usize {
+const fn candidate_words(geometry: &PyramidLayout) -> usize {
     let levels = geometry.levels();
     let (mut i, mut searched) = (0, 0);
     while i < levels.len() {
@@ -109,7 +109,7 @@ const fn candidate_words(geometry: &Geometry) -> usize {
 }
 
 /// Words that [`noise`] needs.
-pub const fn noise_words(levels: &[Level]) -> usize {
+pub const fn noise_words(levels: &[PyramidLevel]) -> usize {
     let (mut i, mut words) = (0, 0);
     while i < levels.len() {
         let (columns, rows) = levels[i].cells();
@@ -139,12 +139,12 @@ pub fn search(
     most: usize,
     parallel: bool,
     scratch: Scratch<'_>,
-) -> (Candidates, Counts) {
+) -> (Candidates, ScanWork) {
     let (found, strips) = slices::split_mut(scratch.words, candidate_words(pyramid.geometry()));
     let noise = noise(pyramid, found);
     let step = pyramid.geometry().history().stride();
     let (found, _) = found.as_chunks_mut();
-    let (mut length, mut counts) = (0, Counts::default());
+    let (mut length, mut counts) = (0, ScanWork::default());
     let mut merge = |level: LevelFound| {
         counts.windows += level.windows;
         counts.kept += level.kept;
@@ -205,7 +205,7 @@ struct LevelFound {
     number: u8,
     windows: u32,
     kept: u32,
-    best: Kept,
+    best: TopWindows,
 }
 
 /// Does `work` on every searched level, each with memory of its own where they run in parallel, and merges what it
@@ -215,7 +215,7 @@ fn each_level(
     parallel: bool,
     scratch: Scratch<'_>,
     merge: &mut impl FnMut(LevelFound),
-    work: impl Fn(&Pictures<'_>, Scratch<'_>) -> LevelFound + Sync,
+    work: impl Fn(&LevelView<'_>, Scratch<'_>) -> LevelFound + Sync,
 ) {
     let Scratch { bytes, words } = scratch;
     #[cfg(feature = "rayon")]
@@ -249,15 +249,16 @@ fn each_level(
 #[inline(never)]
 fn scan_level(
     cascade: &Forest<'_>,
-    level: &Pictures<'_>,
+    level: &LevelView<'_>,
     noise: &[u32; DIFFERENCES],
     step: usize,
     scratch: Scratch<'_>,
 ) -> LevelFound {
     let columns = level.level.cells().0;
-    let mut found = LevelFound { number: level.number, windows: 0, kept: 0, best: Kept::new() };
+    let mut found =
+        LevelFound { number: level.number, windows: 0, kept: 0, best: TopWindows::new() };
     let prepared = Cascade::new(Lanes::fastest(), cascade, columns + 2 * PADDING);
-    let scan = |strip: Strip<'_>| {
+    let scan = |strip: MapStrip<'_>| {
         let map = Map::new(strip, columns);
         let keep = |candidate: Candidate| {
             found.kept += 1;

@@ -1,17 +1,17 @@
 //! Parsers that are private elsewhere, for the targets in `fuzz/`; no part of the interface.
 
-use super::preview::http::Request;
-use super::sources::v4l2::mjpeg::Decoder;
+use super::preview::http::RequestLine;
+use super::sources::v4l2::mjpeg::MjpegDecoder;
 use std::vec;
 use std::vec::Vec;
 
 /// Length of the request at the start of `bytes`; `None` where there is none.
 pub fn http_request(bytes: &[u8]) -> Option<usize> {
-    Request::parse(bytes).ok().flatten().map(|(_, length)| length)
+    RequestLine::parse(bytes).ok().flatten().map(|(_, length)| length)
 }
 
 /// Grey pixels of a JPEG picture of `size`, width and height; `None` where it is damaged.
 pub fn motion_jpeg(picture: &[u8], size: (usize, usize)) -> Option<Vec<u8>> {
     let mut pixels = vec![0; size.0 * size.1];
-    Decoder::default().decode(picture, size, &mut pixels).ok().map(|()| pixels)
+    MjpegDecoder::default().decode(picture, size, &mut pixels).ok().map(|()| pixels)
 }

@@ -46,7 +46,7 @@ impl Regressors<'_> {
 
 /// Trajectory of the window through the slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Path {
+pub struct Trajectory {
     /// The window in each slice, newest first.
     pub positions: [Position; SLICES],
     /// Residual shift of each slice relative to the background's motion, quarters of a cell.
@@ -59,10 +59,10 @@ pub struct Path {
     pub settled: [bool; SLICES],
 }
 
-/// First of the scalars that [`compensate`] writes: see [`Path::scalars`].
+/// First of the scalars that [`compensate`] writes: see [`Trajectory::scalars`].
 pub const FIRST_SCALAR: usize = Scalar::TRAJECTORY.place();
 
-impl Path {
+impl Trajectory {
     /// The path as scalars of a cube: lengths of the moves of slices 0 to 3; of the changes between the moves of 1 and
     /// 2, 2 and 3; of all older moves together; number of moves.
     pub fn scalars(&self) -> [u16; SCALARS - FIRST_SCALAR] {
@@ -93,8 +93,8 @@ pub fn compensate(
     regressors: Option<&Regressors<'_>>,
     start: Position,
     cube: &mut Cube,
-) -> Path {
-    let mut path = Path::default();
+) -> Trajectory {
+    let mut path = Trajectory::default();
     let mut at = start;
     for k in 0..SLICES {
         if k > 0 {
@@ -145,10 +145,10 @@ pub fn compensate(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::channels::{Difference, MAGNITUDE, Newest, Slice};
+    use crate::channels::{Difference, MAGNITUDE, NewestChannels, Slice};
     use crate::image::Image;
-    use crate::registration::Motion;
-    use crate::registration::global_motion::{Sample, fit};
+    use crate::registration::GlobalMotion;
+    use crate::registration::global_motion::{CornerShift, fit};
     use crate::stcube::cube::Region;
     use crate::stcube::feature::{Denominator, Feature};
     use crate::trees::{NEVER_REJECT, Node, encode};
@@ -171,22 +171,26 @@ mod tests {
     }
 
     /// The background moves by (dx, dy) pixels, Q8.
-    fn translation(dx: i32, dy: i32) -> Motion {
-        let samples: Vec<Sample> =
-            (0..100).map(|i| Sample { x: i % 10 * 2000, y: i / 10 * 2000, dx, dy }).collect();
-        let motion = fit(Motion::still(80, 80), &samples, 2);
+    fn translation(dx: i32, dy: i32) -> GlobalMotion {
+        let samples: Vec<CornerShift> =
+            (0..100).map(|i| CornerShift { x: i % 10 * 2000, y: i / 10 * 2000, dx, dy }).collect();
+        let motion = fit(GlobalMotion::still(80, 80), &samples, 2);
         assert_eq!(motion.map(9000, 3000), (9000 + dx, 3000 + dy));
         motion
     }
 
-    fn slices(pictures: &[Vec<u8>], motions: [Motion; SLICES - 1], scale: u32) -> Slices<'_> {
+    fn slices(pictures: &[Vec<u8>], motions: [GlobalMotion; SLICES - 1], scale: u32) -> Slices<'_> {
         let view = |i: usize| {
             let pixels = &pictures[i.min(pictures.len() - 1)];
             let picture = Image::packed(pixels, 2 * SIDE, 2 * SIDE).unwrap();
             Slice { grey: picture, near: Difference { picture, halved: false } }
         };
-        let newest =
-            Newest { slice: view(0), far: view(0).near, plain: view(0).near, oriented: true };
+        let newest = NewestChannels {
+            slice: view(0),
+            far: view(0).near,
+            plain: view(0).near,
+            oriented: true,
+        };
         Slices { slices: core::array::from_fn(|i| Some(view(i))), newest, motions, scale }
     }
 
@@ -309,7 +313,7 @@ mod tests {
     #[test]
     fn moves_end_at_epsilon_and_n_max() {
         let pictures = [picture(|_, _| 50)];
-        let slices = slices(&pictures, [Motion::IDENTITY; SLICES - 1], 65536);
+        let slices = slices(&pictures, [GlobalMotion::IDENTITY; SLICES - 1], 65536);
         let push = |horizontal: i32, vertical: i32| {
             let forests = [horizontal, vertical].map(|bias| encode(1, bias, 4, &[]));
             regressors(&halves(), [&forests[0], &forests[1]], |regressors| {
@@ -373,7 +377,7 @@ mod tests {
                 })
             })
             .collect();
-        let slices = slices(&pictures, [Motion::IDENTITY; SLICES - 1], 65536);
+        let slices = slices(&pictures, [GlobalMotion::IDENTITY; SLICES - 1], 65536);
         // To where more than the half is.
         let towards = |feature: u16| {
             let node = |threshold| Node { feature, threshold };
@@ -397,7 +401,7 @@ mod tests {
     #[test]
     fn the_path_is_told_in_scalars() {
         let moved = [(1, 0), (3, -4), (0, 0), (-20, 20)].map(|(x, y)| Position { x, y });
-        let path = Path { moved, moves: 7, ..Path::default() };
+        let path = Trajectory { moved, moves: 7, ..Trajectory::default() };
         // Eighths: max(8 long, 7 long + 4 short).
         assert_eq!(path.scalars()[..8], [8, 40, 0, 220, 40, 220, 183, 7]);
     }

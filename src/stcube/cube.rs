@@ -6,7 +6,7 @@
 //! takes its gradients at every second of those pixels, which is the frame's own resolution for targets of 10 px.
 
 use crate::channels::window::{SLICES, SUBCELL, WINDOW};
-use crate::channels::{CHANNELS, Newest, Slice, Square};
+use crate::channels::{CHANNELS, NewestChannels, Slice, Square};
 
 /// Corners along one side of a window.
 const CORNERS: usize = WINDOW + 1;
@@ -45,7 +45,7 @@ impl Patch {
     }
 
     /// As [`Patch::cut`], of the channels that the newest frame alone has.
-    pub fn cut_newest(&mut self, newest: &Newest<'_>, x: i32, y: i32) {
+    pub fn cut_newest(&mut self, newest: &NewestChannels<'_>, x: i32, y: i32) {
         let (cell, part) = corner(x, y);
         self.sum_up(&newest.square(cell.0, cell.1), part);
     }
@@ -169,7 +169,7 @@ impl Scalar {
     pub const TARGET_LENGTH: Self = Self(1);
     /// 1 if the newest frame was registered to the one before, else 0.
     pub const REGISTERED: Self = Self(2);
-    /// First of the values of a trajectory: [`crate::stcube::compensation::Path::scalars`].
+    /// First of the values of a trajectory: [`crate::stcube::compensation::Trajectory::scalars`].
     pub const TRAJECTORY: Self = Self(4);
 
     /// Place in [`Cube::scalars`].

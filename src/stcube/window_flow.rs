@@ -9,7 +9,7 @@ use crate::channels::window::SLICES;
 use crate::image::Image;
 use crate::image::pyramid;
 use crate::registration::lucas_kanade;
-use crate::stcube::compensation::{FIRST_SCALAR, Path};
+use crate::stcube::compensation::{FIRST_SCALAR, Trajectory};
 use crate::stcube::cube::Cube;
 
 /// Levels of the flow's own pyramid: windows of the target, of the cube, and of twice that.
@@ -116,8 +116,8 @@ pub fn follow(
     frames: &[Image<'_>; SLICES],
     start: Position,
     cube: &mut Cube,
-) -> Path {
-    let mut path = Path::default();
+) -> Trajectory {
+    let mut path = Trajectory::default();
     let (mut here, mut there) = (Surroundings::EMPTY, Surroundings::EMPTY);
     let mut at = start;
     for k in 0..SLICES {
@@ -148,9 +148,9 @@ pub fn follow(
 mod tests {
     use super::*;
     use crate::channels::window::SUBCELL;
-    use crate::channels::{Difference, Newest, Slice};
+    use crate::channels::{Difference, NewestChannels, Slice};
     use crate::image::gradient::CELL;
-    use crate::registration::Motion;
+    use crate::registration::GlobalMotion;
     use crate::registration::lucas_kanade::tests::{render, texture};
     use proptest::prelude::*;
     use std::vec::Vec;
@@ -169,8 +169,8 @@ mod tests {
         let slice = Slice { grey: picture, near: difference };
         Slices {
             slices: [Some(slice); SLICES],
-            newest: Newest { slice, far: difference, plain: difference, oriented: true },
-            motions: [Motion::IDENTITY; SLICES - 1],
+            newest: NewestChannels { slice, far: difference, plain: difference, oriented: true },
+            motions: [GlobalMotion::IDENTITY; SLICES - 1],
             scale,
         }
     }

@@ -1,6 +1,6 @@
 //! Measurement model: a detection as direction and angular size with their errors, in a non-rotating frame of reference.
 
-use super::settings::Settings;
+use super::settings::TrackerSettings;
 use crate::camera::Camera;
 use crate::camera::attitude::Attitude;
 use crate::detector::detection::{Detection, SHIFTS};
@@ -43,7 +43,7 @@ pub struct Measurement {
 
 impl Measurement {
     #[inline(never)]
-    pub fn new(detection: &Detection, pose: &CameraPose<'_>, settings: &Settings) -> Self {
+    pub fn new(detection: &Detection, pose: &CameraPose<'_>, settings: &TrackerSettings) -> Self {
         let camera = pose.camera;
         let limit = I28F4::from_num(1 << 20);
         let Rect { x, y, width, height } = detection.rect;

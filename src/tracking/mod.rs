@@ -14,11 +14,11 @@ pub mod traffic;
 
 use crate::camera::Camera;
 use crate::camera::attitude::Attitude;
-use crate::camera::attitude_buffer::Attitudes;
+use crate::camera::attitude_buffer::AttitudeBuffer;
 use crate::detector::detection::{Detection, SHIFTS};
 use crate::math::linear;
 use crate::math::real::{ONE, Real, Vector, ZERO, add, cross, norm, ratio};
-use crate::registration::global_motion::Motion;
+use crate::registration::global_motion::GlobalMotion;
 use fixed::types::I28F4;
 use threat::AlertMonitor;
 use tracker::{CameraPose, Tracker};
@@ -32,11 +32,11 @@ const POINTS: i32 = 5;
 
 /// Settings of tracker and alerts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Settings {
+pub struct TrafficSettings {
     /// Starting, confirming and ending tracks.
-    pub track: tracker::Settings,
+    pub track: tracker::TrackerSettings,
     /// Raising and lowering alert levels.
-    pub threat: threat::Settings,
+    pub threat: threat::AlertSettings,
 }
 
 /// Longest time since an attitude of the vehicle that the picture's motion bridges, in microseconds: at a third of a pixel a
@@ -45,7 +45,7 @@ const BRIDGE: i64 = 1_000_000;
 
 /// Source of the last frames' attitudes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Source {
+enum AttitudeSource {
     Vehicle,
     /// The picture's motion since the vehicle's attitude of this time, microseconds.
     Bridge(i64),
@@ -57,21 +57,21 @@ enum Source {
 /// ```
 /// use fixed::types::I28F4;
 /// use lookout::camera::Camera;
-/// use lookout::camera::attitude_buffer::Attitudes;
+/// use lookout::camera::attitude_buffer::AttitudeBuffer;
 /// use lookout::detector::Detection;
 /// use lookout::image::Rect;
 /// use lookout::math::real::PI;
-/// use lookout::registration::Motion;
-/// use lookout::tracking::traffic::Level;
-/// use lookout::tracking::{Settings, Watch};
+/// use lookout::registration::GlobalMotion;
+/// use lookout::tracking::traffic::AlertLevel;
+/// use lookout::tracking::{TrafficSettings, TrafficMonitor};
 ///
 /// let camera = Camera::from_field_of_view(640, 480, PI / 3)?;
-/// let mut watch = Watch::new(Settings::default(), camera);
+/// let mut watch = TrafficMonitor::new(TrafficSettings::default(), camera);
 /// // The background stands still, and no attitude of the vehicle is known.
-/// let (still, attitudes) = (Motion::new(640, 480, [0; 8]), Attitudes::new());
+/// let (still, attitudes) = (GlobalMotion::new(640, 480, [0; 8]), AttitudeBuffer::new());
 ///
 /// // 30 frames a second of an object ahead that is 6 s from contact in the first frame.
-/// let mut level = Level::None;
+/// let mut level = AlertLevel::None;
 /// for frame in 0..105 {
 ///     let side = I28F4::from_num(120.0 / (6.0 - f64::from(frame) / 30.0));
 ///     let centre = [320, 240].map(I28F4::from_num::<i32>);
@@ -82,33 +82,33 @@ enum Source {
 ///     let traffic = watch.update(&[detection], time_us, &still, &attitudes);
 ///     level = traffic[0].level;
 /// }
-/// assert_eq!(level, Level::Warning);
+/// assert_eq!(level, AlertLevel::Warning);
 /// # Ok::<(), lookout::camera::CameraError>(())
 /// ```
 #[derive(Debug, Clone)]
-pub struct Watch {
+pub struct TrafficMonitor {
     camera: Camera,
     tracker: Tracker,
     alerts: AlertMonitor,
     /// Times and attitudes of the last frames, the newest first; from the body to the frame of reference.
     frames: heapless::Vec<(i64, Attitude), { SHIFTS + 1 }>,
-    source: Source,
+    source: AttitudeSource,
 }
 
-impl Watch {
+impl TrafficMonitor {
     /// Without tracks; settings are clamped to their ranges.
-    pub fn new(settings: Settings, camera: Camera) -> Self {
+    pub fn new(settings: TrafficSettings, camera: Camera) -> Self {
         Self {
             camera,
             tracker: Tracker::new(settings.track),
             alerts: AlertMonitor::new(settings.threat),
             frames: heapless::Vec::new(),
-            source: Source::Image,
+            source: AttitudeSource::Image,
         }
     }
 
     /// Changes the settings from the next frame on; tracks stay.
-    pub fn set(&mut self, settings: Settings) {
+    pub fn set(&mut self, settings: TrafficSettings) {
         self.tracker.set(settings.track);
         self.alerts.set(settings.threat);
     }
@@ -133,7 +133,7 @@ impl Watch {
     pub fn clear(&mut self) {
         self.tracker.clear();
         self.frames.clear();
-        self.source = Source::Image;
+        self.source = AttitudeSource::Image;
     }
 
     /// Updates the tracks with the detections of a frame taken at `time_us` and returns them: confirmed ones first, then by
@@ -146,8 +146,8 @@ impl Watch {
         &mut self,
         detections: &[Detection],
         time_us: i64,
-        background: &Motion,
-        attitudes: &Attitudes,
+        background: &GlobalMotion,
+        attitudes: &AttitudeBuffer,
     ) -> heapless::Vec<Traffic, MAX_TRAFFIC> {
         let last = self.frames.first().copied();
         let step = last.map_or(0, |(time, _)| time_us.saturating_sub(time));
@@ -168,7 +168,7 @@ impl Watch {
         // Attitudes that were forgotten, as those of another autopilot, carry nothing on.
         let recent = |time: i64| time_us.saturating_sub(time) <= BRIDGE;
         if !attitudes.last_before(time_us).is_some_and(recent) {
-            self.source = Source::Image;
+            self.source = AttitudeSource::Image;
         }
         let (attitude, error) = self.attitude(vehicle, turn, time_us, dt);
         let before = self.frames.iter().take(SHIFTS);
@@ -183,7 +183,7 @@ impl Watch {
         let observer = threat::Observer {
             camera: &self.camera,
             attitude,
-            in_world: self.source != Source::Image,
+            in_world: self.source != AttitudeSource::Image,
             time_us,
         };
         self.alerts.update(self.tracker.tracks(), &observer)
@@ -203,25 +203,25 @@ impl Watch {
             last.map(|last| turn.map_or(last, |turn| last.after(Attitude::from_small(turn))));
         let Some(vehicle) = vehicle else {
             let since = match self.source {
-                Source::Vehicle => self.frames.first().map(|(time, _)| *time),
-                Source::Bridge(since) => Some(since),
-                Source::Image => None,
+                AttitudeSource::Vehicle => self.frames.first().map(|(time, _)| *time),
+                AttitudeSource::Bridge(since) => Some(since),
+                AttitudeSource::Image => None,
             };
             let measured = guess.is_some() && turn.is_some();
             let since = since.filter(|since| measured && time_us.saturating_sub(*since) <= BRIDGE);
-            self.source = since.map_or(Source::Image, Source::Bridge);
+            self.source = since.map_or(AttitudeSource::Image, AttitudeSource::Bridge);
             // A third of a pixel where it is measured; without, what a multirotor turns at 0.3 rad/s.
             let error = if turn.is_some() { self.camera.pixel() / 3 } else { dt * 3 / 10 };
             return (guess.unwrap_or(Attitude::IDENTITY), error);
         };
-        if self.source != Source::Vehicle
+        if self.source != AttitudeSource::Vehicle
             && let Some(guess) = guess
         {
             let change = vehicle.after(guess.inverse());
             self.tracker.turn(change);
             self.frames.iter_mut().for_each(|(_, a)| *a = change.after(*a));
         }
-        self.source = Source::Vehicle;
+        self.source = AttitudeSource::Vehicle;
         let turned = self.frames.first().map_or(ZERO, |(_, last)| last.angle_to(vehicle));
         // A milliradian, what the camera's scale is wrong by, and the turn in 2 ms of wrong time.
         let late = if dt > ZERO { turned / dt.max(ratio(1, 200)) / 500 } else { ZERO };
@@ -236,7 +236,7 @@ fn seconds(time_us: i64) -> Real {
 
 /// The turn of the body from the last frame to this one, about the body's axes in radians, that explains the motion of the
 /// background best: least squares over a grid of points.
-fn rotation(camera: &Camera, background: &Motion) -> Option<Vector> {
+fn rotation(camera: &Camera, background: &GlobalMotion) -> Option<Vector> {
     let spec = camera.intrinsics();
     let (mut matrix, mut right) = ([[0i64; 3]; 3], [0i64; 3]);
     let q20 = |v: Real| v.to_bits() >> 12;

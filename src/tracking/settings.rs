@@ -18,8 +18,8 @@ const KEEP_PRECISION: u32 = calibration::ONE / 4;
 
 /// Starting, confirming and ending tracks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Settings {
-    /// Detections (M) of the last [`Settings::confirm_window`] frames from which on a track is confirmed; 1 to 32.
+pub struct TrackerSettings {
+    /// Detections (M) of the last [`TrackerSettings::confirm_window`] frames from which on a track is confirmed; 1 to 32.
     pub confirm_hits: u8,
     /// Frames (N) that count for it; `confirm_hits` to 32.
     pub confirm_window: u8,
@@ -44,7 +44,7 @@ pub struct Settings {
     pub size_memory: Real,
 }
 
-impl Default for Settings {
+impl Default for TrackerSettings {
     /// Values measured on `airborne/train`; scores for a model without a calibration.
     fn default() -> Self {
         Self {
@@ -63,7 +63,7 @@ impl Default for Settings {
     }
 }
 
-impl Settings {
+impl TrackerSettings {
     /// The defaults with the scores that a model's calibration gives, as far as its table reaches.
     pub fn calibrated(table: &Calibration<'_>) -> Self {
         let default = Self::default();

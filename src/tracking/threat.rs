@@ -13,7 +13,7 @@ use crate::camera::Camera;
 use crate::camera::attitude::{Attitude, Direction};
 use crate::math::real::{ONE, Real, ZERO, add, divide, norm, ratio, sqrt};
 use crate::tracking::tracker::Track;
-use crate::tracking::traffic::{Estimate, Level, MAX_TRAFFIC, Traffic};
+use crate::tracking::traffic::{AlertLevel, Estimate, MAX_TRAFFIC, Traffic};
 use fixed::types::I16F16;
 
 /// Longest time to contact that is reported, in seconds.
@@ -28,7 +28,7 @@ const EVIDENCE_FRAMES: u8 = 15;
 
 /// Thresholds of the alert levels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Settings {
+pub struct AlertSettings {
     /// Assumed wingspan in metres, 0.05 to 100. Default 1: between the small multirotors of `airborne` (0.55 m) and small
     /// aeroplanes (2 m).
     pub wingspan: Real,
@@ -62,7 +62,7 @@ pub struct Settings {
     pub evidence_us: i64,
 }
 
-impl Default for Settings {
+impl Default for AlertSettings {
     fn default() -> Self {
         // At compile time, so that a board needs no code to read numbers.
         const {
@@ -83,7 +83,7 @@ impl Default for Settings {
     }
 }
 
-impl Settings {
+impl AlertSettings {
     /// Every value within its range.
     fn limited(self) -> Self {
         let within = |v: Real, low: Real, high: i32| v.clamp(low, Real::from_num(high));
@@ -119,9 +119,9 @@ pub struct Observer<'a> {
 
 /// The alert level of a track over time.
 #[derive(Debug, Clone, Copy)]
-struct Alert {
+struct TrackAlert {
     id: u16,
-    level: Level,
+    level: AlertLevel,
     /// Since when the conditions of caution and of warning hold without a break.
     since: [Option<i64>; 2],
     /// When they held last.
@@ -130,19 +130,19 @@ struct Alert {
     evidence_until_us: i64,
 }
 
-const RAISED: [Level; 2] = [Level::Caution, Level::Warning];
+const RAISED: [AlertLevel; 2] = [AlertLevel::Caution, AlertLevel::Warning];
 
-impl Alert {
+impl TrackAlert {
     /// `holds`: the conditions of caution and warning in this frame; `None` for a frame without a detection of the object.
     #[inline(never)]
-    fn update(&mut self, holds: Option<[bool; 2]>, time_us: i64, settings: &Settings) {
+    fn update(&mut self, holds: Option<[bool; 2]>, time_us: i64, settings: &AlertSettings) {
         if time_us > self.evidence_until_us {
             // The conditions have to hold anew.
-            self.level = Level::Traffic;
+            self.level = AlertLevel::Traffic;
             self.since = [None; 2];
             return;
         }
-        let mut level = Level::Traffic;
+        let mut level = AlertLevel::Traffic;
         for i in 0..2 {
             match holds.map(|holds| holds[i]) {
                 Some(true) => {
@@ -169,32 +169,32 @@ impl Alert {
 /// use lookout::camera::Camera;
 /// use lookout::camera::attitude::Attitude;
 /// use lookout::math::real::{PI, ZERO};
-/// use lookout::tracking::threat::{AlertMonitor, Observer, Settings};
+/// use lookout::tracking::threat::{AlertMonitor, Observer, AlertSettings};
 /// use lookout::tracking::tracker::{self, Tracker};
 ///
 /// let camera = Camera::from_field_of_view(640, 480, PI / 3)?;
-/// let mut alerts = AlertMonitor::new(Settings::default());
+/// let mut alerts = AlertMonitor::new(AlertSettings::default());
 /// let attitude = Attitude::from_euler(ZERO, ZERO, ZERO);
 /// let observer = Observer { camera: &camera, attitude, in_world: false, time_us: 0 };
 /// // Called once a frame, with the tracks after it; `tracking::Watch` does so.
-/// let tracker = Tracker::new(tracker::Settings::default());
+/// let tracker = Tracker::new(tracker::TrackerSettings::default());
 /// assert!(alerts.update(tracker.tracks(), &observer).is_empty());
 /// # Ok::<(), lookout::camera::CameraError>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct AlertMonitor {
-    settings: Settings,
-    alerts: heapless::Vec<Alert, MAX_TRAFFIC>,
+    settings: AlertSettings,
+    alerts: heapless::Vec<TrackAlert, MAX_TRAFFIC>,
 }
 
 impl AlertMonitor {
     /// Monitors nothing yet; settings are brought within their ranges.
-    pub fn new(settings: Settings) -> Self {
+    pub fn new(settings: AlertSettings) -> Self {
         Self { settings: settings.limited(), alerts: heapless::Vec::new() }
     }
 
     /// Other settings from now on, brought within their ranges.
-    pub fn set(&mut self, settings: Settings) {
+    pub fn set(&mut self, settings: AlertSettings) {
         self.settings = settings.limited();
     }
 
@@ -219,14 +219,14 @@ impl AlertMonitor {
             [camera.intrinsics().width, camera.intrinsics().height].map(|side| side as usize);
         let own = camera.sigma(camera.mounting().inverse().rotate(body));
         let sigma = track.direction_sigma();
-        let course = Course::new(track, &self.settings);
+        let course = RelativeCourse::new(track, &self.settings);
         let level = if track.confirmed {
             let holds = (!track.coasting).then(|| course.holds(&self.settings));
             let contact = course.time_to_contact.map(|time| time.value);
             let holds = holds.filter(|_| track.hits(EVIDENCE_FRAMES) >= EVIDENCE_HITS);
             self.alert(track.id, holds, contact, observer.time_us)
         } else {
-            Level::None
+            AlertLevel::None
         };
         // Without a world, along the body's axes.
         let velocity = match observer.in_world {
@@ -259,12 +259,12 @@ impl AlertMonitor {
         holds: Option<[bool; 2]>,
         time_to_contact: Option<Real>,
         time_us: i64,
-    ) -> Level {
+    ) -> AlertLevel {
         let place = self.alerts.iter().position(|alert| alert.id == id);
         let place = place.or_else(|| {
-            let new = Alert {
+            let new = TrackAlert {
                 id,
-                level: Level::Traffic,
+                level: AlertLevel::Traffic,
                 since: [None; 2],
                 last: [i64::MIN; 2],
                 evidence_until_us: i64::MIN,
@@ -273,7 +273,9 @@ impl AlertMonitor {
             self.alerts.push(new).ok()?;
             Some(self.alerts.len() - 1)
         });
-        let Some(alert) = place.and_then(|i| self.alerts.get_mut(i)) else { return Level::Traffic };
+        let Some(alert) = place.and_then(|i| self.alerts.get_mut(i)) else {
+            return AlertLevel::Traffic;
+        };
         if holds.is_some() {
             let contact_us = time_to_contact.map(|time| (time * 1_000_000).to_num::<i64>());
             let lasts_us = contact_us.unwrap_or(i64::MAX).clamp(0, self.settings.evidence_us);
@@ -303,7 +305,7 @@ fn short(value: Real) -> I16F16 {
 }
 
 /// Relative motion of an object: range, velocity, time to contact, closest approach.
-struct Course {
+struct RelativeCourse {
     rate: Measured,
     growth: Measured,
     range: Measured,
@@ -315,9 +317,9 @@ struct Course {
     nearest: Real,
 }
 
-impl Course {
+impl RelativeCourse {
     #[inline(never)]
-    fn new(track: &Track, settings: &Settings) -> Self {
+    fn new(track: &Track, settings: &AlertSettings) -> Self {
         let rate = Measured { value: norm(track.rate), sigma: track.rate_sigma() };
         let growth = Measured { value: track.growth, sigma: track.growth_sigma() };
         let extent = track.extent().max(ratio(1, 10_000));
@@ -362,7 +364,7 @@ impl Course {
 
     /// Whether the conditions of caution and of warning hold.
     #[inline(never)]
-    fn holds(&self, settings: &Settings) -> [bool; 2] {
+    fn holds(&self, settings: &AlertSettings) -> [bool; 2] {
         let Some(time) = self.time_to_contact else { return [false; 2] };
         let sure = self.growth.value >= self.growth.sigma * settings.min_snr_warning;
         [

@@ -10,11 +10,11 @@
 use crate::camera::attitude::Attitude;
 use crate::detector::detection::Detection;
 use crate::image::Rect;
-use crate::math::kalman::{MILLI, Spread};
+use crate::math::kalman::{Covariance, MILLI};
 use crate::math::real::{ONE, Real, Vector, ZERO, across, add, divide, exp, sqrt, unit};
 pub use crate::tracking::measurement::CameraPose;
 use crate::tracking::measurement::Measurement;
-pub use crate::tracking::settings::Settings;
+pub use crate::tracking::settings::TrackerSettings;
 use crate::tracking::traffic::MAX_TRAFFIC;
 
 /// Most detections of a frame that are used.
@@ -63,7 +63,7 @@ pub struct Track {
     pub score: i32,
     /// By its frame alone.
     frame_score: i32,
-    /// Exponential moving average of the frames' own scores, weight 1/8, Q16 log-odds; it starts at [`Settings::keep_score`], which also
+    /// Exponential moving average of the frames' own scores, weight 1/8, Q16 log-odds; it starts at [`TrackerSettings::keep_score`], which also
     /// stands for frames without a detection.
     pub mean_log_odds: i32,
     /// Box in the newest frame, predicted while coasting.
@@ -78,8 +78,8 @@ pub struct Track {
     pub growth: Real,
     /// Logarithm of the longer side over the size, smoothed.
     pub aspect: Real,
-    bearing: Spread,
-    growing: Spread,
+    bearing: Covariance,
+    growing: Covariance,
     /// One bit a frame, the newest lowest: whether there was a detection.
     history: u32,
     frames: u8,
@@ -112,7 +112,7 @@ impl Track {
     }
 
     #[inline(never)]
-    fn start(id: u16, measurement: &Measurement, time_us: i64, settings: &Settings) -> Self {
+    fn start(id: u16, measurement: &Measurement, time_us: i64, settings: &TrackerSettings) -> Self {
         let (rate, rate_sigma) = match measurement.rate {
             Some((rate, variance)) => (rate, sqrt(variance)),
             None => ([ZERO; 3], FIRST_RATE),
@@ -132,15 +132,15 @@ impl Track {
             size: measurement.size,
             growth: ZERO,
             aspect: measurement.aspect,
-            bearing: Spread::new(sqrt(measurement.variance), rate_sigma),
-            growing: Spread::new(sqrt(measurement.size_variance) * 2, FIRST_GROWTH),
+            bearing: Covariance::new(sqrt(measurement.variance), rate_sigma),
+            growing: Covariance::new(sqrt(measurement.size_variance) * 2, FIRST_GROWTH),
             history: 1,
             frames: 1,
         }
     }
 
     #[inline(never)]
-    fn predict(&mut self, dt: Real, settings: &Settings) {
+    fn predict(&mut self, dt: Real, settings: &TrackerSettings) {
         self.direction = unit(add(self.direction, self.rate, dt));
         self.rate = across(self.rate, self.direction);
         self.bearing.predict(dt, ONE, settings.agility);
@@ -166,7 +166,7 @@ impl Track {
     }
 
     #[inline(never)]
-    fn update(&mut self, measurement: &Measurement, time_us: i64, settings: &Settings) {
+    fn update(&mut self, measurement: &Measurement, time_us: i64, settings: &TrackerSettings) {
         let off = across(add(measurement.direction, self.direction, -ONE), self.direction);
         let [place, speed] = self.bearing.update(measurement.variance);
         self.direction = unit(add(self.direction, off, place));
@@ -205,7 +205,7 @@ impl Track {
     }
 
     /// Updates the mean log-odds, and confirms the track where it and the hits of the last frames suffice.
-    fn confirm(&mut self, settings: &Settings) {
+    fn confirm(&mut self, settings: &TrackerSettings) {
         let seen = if self.coasting { settings.keep_score } else { self.frame_score };
         self.mean_log_odds = towards(self.mean_log_odds, seen);
         let support = if self.supported { SUPPORT } else { 0 };
@@ -235,7 +235,7 @@ impl Track {
     }
 
     /// Whether the track ends.
-    fn is_over(&self, time_us: i64, settings: &Settings) -> bool {
+    fn is_over(&self, time_us: i64, settings: &TrackerSettings) -> bool {
         if self.confirmed {
             return time_us.saturating_sub(self.seen_us) > settings.coast_us;
         }
@@ -265,12 +265,12 @@ fn limited(rate: Vector, direction: Vector) -> Vector {
 /// use lookout::detector::Detection;
 /// use lookout::image::Rect;
 /// use lookout::math::real::{ONE, PI, ZERO};
-/// use lookout::tracking::tracker::{CameraPose, Settings, Tracker};
+/// use lookout::tracking::tracker::{CameraPose, TrackerSettings, Tracker};
 ///
 /// let camera = Camera::from_field_of_view(640, 480, PI / 3)?;
 /// let attitude = Attitude::from_euler(ZERO, ZERO, ZERO);
 /// let pose = CameraPose { camera: &camera, attitude, error: ZERO, before: heapless::Vec::new() };
-/// let mut tracker = Tracker::new(Settings::default());
+/// let mut tracker = Tracker::new(TrackerSettings::default());
 /// // Ten frames with a detection that moves two pixels to the right each time.
 /// for frame in 0..10 {
 ///     let [x, y, side] = [100 + 2 * frame, 200, 20].map(I28F4::from_num::<i32>);
@@ -284,7 +284,7 @@ fn limited(rate: Vector, direction: Vector) -> Vector {
 /// ```
 #[derive(Debug, Clone)]
 pub struct Tracker {
-    settings: Settings,
+    settings: TrackerSettings,
     tracks: heapless::Vec<Track, MAX_TRAFFIC>,
     last_id: u16,
     dropped: u32,
@@ -292,12 +292,12 @@ pub struct Tracker {
 
 impl Tracker {
     /// A tracker without tracks; settings are clamped to their ranges.
-    pub fn new(settings: Settings) -> Self {
+    pub fn new(settings: TrackerSettings) -> Self {
         Self { settings: settings.limited(), tracks: heapless::Vec::new(), last_id: 0, dropped: 0 }
     }
 
     /// Changes the settings, clamped to their ranges.
-    pub fn set(&mut self, settings: Settings) {
+    pub fn set(&mut self, settings: TrackerSettings) {
         self.settings = settings.limited();
     }
 

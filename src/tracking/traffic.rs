@@ -12,14 +12,14 @@ pub const MAX_TRAFFIC: usize = 16;
 /// Alert level of an object, lowest first.
 ///
 /// ```
-/// use lookout::tracking::traffic::Level;
+/// use lookout::tracking::traffic::AlertLevel;
 ///
 /// // Levels are ordered, so that the most urgent object is the maximum.
-/// let most_urgent = [Level::Traffic, Level::Warning, Level::Caution].into_iter().max();
-/// assert_eq!(most_urgent, Some(Level::Warning));
+/// let most_urgent = [AlertLevel::Traffic, AlertLevel::Warning, AlertLevel::Caution].into_iter().max();
+/// assert_eq!(most_urgent, Some(AlertLevel::Warning));
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-pub enum Level {
+pub enum AlertLevel {
     /// Tracked, not confirmed: not reported.
     #[default]
     None,
@@ -56,7 +56,7 @@ pub struct Traffic {
     /// Whether this frame has no detection of it and its position is predicted.
     pub coasting: bool,
     /// Alert level.
-    pub level: Level,
+    pub level: AlertLevel,
     /// Direction from the vehicle in body axes: forward, right, down.
     pub body: Direction,
     /// Direction in the world: north, east, down. `None` without an attitude of the vehicle.

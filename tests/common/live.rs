@@ -2,12 +2,12 @@
 
 use super::golden;
 use lookout::mavlink::dialect::{HEARTBEAT_DATA, MavMessage};
-use lookout::shell::live::config::Config;
-use lookout::shell::live::service::{self, Summary};
-use lookout::shell::live::source::{LiveError, LiveSource, Open, Taken};
+use lookout::shell::live::config::ServiceConfig;
+use lookout::shell::live::service::{self, ServiceSummary};
+use lookout::shell::live::source::{CaptureInfo, LiveError, LiveSource, OpenSource};
 use lookout::shell::sources::Frame;
 use lookout::shell::support::clock::now_us;
-use lookout::shell::support::interrupt::Control;
+use lookout::shell::support::interrupt::ServiceOrders;
 use mavlink_core::{MAVLinkV2MessageRaw, MavlinkVersion, Message};
 use std::fs;
 use std::net::UdpSocket;
@@ -33,7 +33,7 @@ pub struct Drawn {
 }
 
 impl LiveSource for Drawn {
-    fn next(&mut self, frame: &mut Frame, _: Duration) -> Result<Taken, LiveError> {
+    fn next(&mut self, frame: &mut Frame, _: Duration) -> Result<CaptureInfo, LiveError> {
         let number = self.number.fetch_add(1, Ordering::Relaxed);
         if number >= self.frames {
             return Err(LiveError::Ended);
@@ -44,7 +44,7 @@ impl LiveSource for Drawn {
         // The ground passes by for ever; its numbers stay small.
         golden::draw(number % 4096, self.size.0, &mut frame.pixels);
         frame.time_us = now_us();
-        Ok(Taken::default())
+        Ok(CaptureInfo::default())
     }
 }
 
@@ -89,7 +89,7 @@ pub struct FaultInjector<S> {
 }
 
 impl<S: LiveSource> LiveSource for FaultInjector<S> {
-    fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<Taken, LiveError> {
+    fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<CaptureInfo, LiveError> {
         if self.faults.is(Fault::Unplugged) {
             return Err(LiveError::Gone("the cable is pulled".into()));
         }
@@ -204,13 +204,18 @@ pub const CRITICAL: u8 = 5;
 
 /// A lookout under way in this process.
 pub struct Run {
-    pub control: Control,
+    pub control: ServiceOrders,
     pub faults: Faults,
-    thread: JoinHandle<Result<Summary, String>>,
+    thread: JoinHandle<Result<ServiceSummary, String>>,
 }
 
 /// A camera that is drawn, with faults at will; reopened it goes on where it was.
-pub fn drawn(size: (usize, usize), period: Duration, frames: u32, faults: &Faults) -> Box<Open> {
+pub fn drawn(
+    size: (usize, usize),
+    period: Duration,
+    frames: u32,
+    faults: &Faults,
+) -> Box<OpenSource> {
     let (number, faults) = (Arc::<AtomicU32>::default(), faults.clone());
     Box::new(move |_, _| {
         if faults.is(Fault::Unplugged) {
@@ -223,10 +228,11 @@ pub fn drawn(size: (usize, usize), period: Duration, frames: u32, faults: &Fault
 
 impl Run {
     /// Starts with these settings and that source.
-    pub fn start(text: &str, open: Box<Open>, faults: Faults) -> Self {
+    pub fn start(text: &str, open: Box<OpenSource>, faults: Faults) -> Self {
         let path = PathBuf::from("test.toml");
-        let config = Config::parse(&path, &format!("source = 'v4l2:drawn'\n{text}")).unwrap();
-        let control = Control::default();
+        let config =
+            ServiceConfig::parse(&path, &format!("source = 'v4l2:drawn'\n{text}")).unwrap();
+        let control = ServiceOrders::default();
         let orders = control.clone();
         let thread = thread::spawn(move || {
             let reread = || Ok(config.clone());
@@ -236,7 +242,7 @@ impl Run {
     }
 
     /// Tells it to end.
-    pub fn stop(self) -> Summary {
+    pub fn stop(self) -> ServiceSummary {
         self.control.stop.store(true, Ordering::Relaxed);
         self.ended()
     }
@@ -252,7 +258,7 @@ impl Run {
     }
 
     /// Waits for its own end.
-    pub fn ended(self) -> Summary {
+    pub fn ended(self) -> ServiceSummary {
         self.thread.join().unwrap().unwrap()
     }
 }

@@ -36,7 +36,7 @@ fn connect(port: u16) -> TcpStream {
 /// The heartbeat of a ground station.
 fn heartbeat() -> Vec<u8> {
     let data: HEARTBEAT_DATA =
-        status::heartbeat(status::State::Watching, status::HeartbeatType::default());
+        status::heartbeat(status::LookoutState::Watching, status::HeartbeatType::default());
     Payload::new(&data).frame(255, 190, 0, false).raw_bytes().into()
 }
 

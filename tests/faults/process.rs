@@ -3,7 +3,7 @@
 use crate::live::{ACTIVE, Faults, Ground, MODEL, PATIENCE, Run};
 use crate::service::{Service, lookout, settings};
 use crate::steady;
-use lookout::shell::live::source::{LiveError, LiveSource, Taken};
+use lookout::shell::live::source::{CaptureInfo, LiveError, LiveSource};
 use lookout::shell::sources::Frame;
 use std::fs::{self, File};
 use std::io;
@@ -78,13 +78,13 @@ fn a_log_whose_reader_stopped() {
 struct Panics(u32);
 
 impl LiveSource for Panics {
-    fn next(&mut self, frame: &mut Frame, _: Duration) -> Result<Taken, LiveError> {
+    fn next(&mut self, frame: &mut Frame, _: Duration) -> Result<CaptureInfo, LiveError> {
         thread::sleep(Duration::from_millis(20));
         self.0 += 1;
         assert!(self.0 < 20, "as meant");
         (frame.width, frame.height) = (64, 48);
         frame.pixels.resize(64 * 48, 0);
-        Ok(Taken::default())
+        Ok(CaptureInfo::default())
     }
 }
 

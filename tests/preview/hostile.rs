@@ -2,7 +2,7 @@
 
 use super::{LONG, connect, get, quiet, start};
 use lookout::shell::preview::Snapshot;
-use lookout::shell::preview::snapshot::Picture;
+use lookout::shell::preview::snapshot::PictureView;
 use proptest::prelude::*;
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -30,7 +30,7 @@ fn slow_clients_are_left_and_hold_up_nobody() {
     let preview = start(None);
     get(&preview, "/frame.jpg");
     let noise = (0..4_000_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
-    let picture = Picture { pixels: noise, width: 2000, height: 2000 };
+    let picture = PictureView { pixels: noise, width: 2000, height: 2000 };
     preview.publish(Snapshot { picture: Some(picture), ..quiet(1) });
     let since = Instant::now();
     let silent = connect(preview.address());

@@ -6,9 +6,11 @@ mod hostile;
 mod page;
 
 use lookout::mavlink::messages::Blind;
-use lookout::shell::preview::snapshot::{Health, Latency, Link, LinkState, Picture, State, Track};
+use lookout::shell::preview::snapshot::{
+    HealthView, Latency, LinkState, LinkView, PictureView, StateView, TrackView,
+};
 use lookout::shell::preview::{Preview, PreviewError, Snapshot};
-use lookout::tracking::traffic::Level;
+use lookout::tracking::traffic::AlertLevel;
 use serde_json::{Value, json};
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -27,7 +29,7 @@ pub fn start(token: Option<&str>) -> Preview {
 }
 
 /// Sky above ground, and something dark where [`warning`] has its first box.
-pub fn picture() -> Picture {
+pub fn picture() -> PictureView {
     let grey = |i: usize| {
         let (x, y) = (i % WIDTH, i / WIDTH);
         match (x, y) {
@@ -36,7 +38,7 @@ pub fn picture() -> Picture {
             _ => 210 - (y / 4) as u8,
         }
     };
-    Picture { pixels: (0..WIDTH * HEIGHT).map(grey).collect(), width: WIDTH, height: HEIGHT }
+    PictureView { pixels: (0..WIDTH * HEIGHT).map(grey).collect(), width: WIDTH, height: HEIGHT }
 }
 
 /// All is well and nothing is there.
@@ -44,8 +46,8 @@ pub fn quiet(frames: u64) -> Snapshot {
     Snapshot {
         picture: None,
         time_us: frames as i64 * 40_000,
-        health: Health {
-            state: State::Watching,
+        health: HealthView {
+            state: StateView::Watching,
             blind: Blind::NO,
             frames,
             dropped: 3,
@@ -58,13 +60,13 @@ pub fn quiet(frames: u64) -> Snapshot {
             Latency { stage: "detector".into(), p50_ms: 21.5, p99_ms: 34.25 },
         ],
         links: vec![
-            Link {
+            LinkView {
                 name: "serial:/dev/ttyAMA0:921600".into(),
                 state: LinkState::Up,
                 sent: 5120,
                 dropped: 0,
             },
-            Link {
+            LinkView {
                 name: "udpout:192.168.2.1:14550".into(),
                 state: LinkState::Down,
                 sent: 12,
@@ -79,10 +81,10 @@ pub fn quiet(frames: u64) -> Snapshot {
 
 /// One object on a collision course, one farther off.
 pub fn warning(frames: u64) -> Snapshot {
-    let near = Track {
+    let near = TrackView {
         id: 7,
         rect: [200.0, 60.0, 12.0, 6.0],
-        level: Level::Warning,
+        level: AlertLevel::Warning,
         confirmed: true,
         azimuth_deg: Some(9.25),
         elevation_deg: Some(12.0),
@@ -90,20 +92,20 @@ pub fn warning(frames: u64) -> Snapshot {
         range_sigma_m: Some(59.1),
         time_to_contact_s: Some(6.04),
         score: 3.456,
-        ..Track::default()
+        ..TrackView::default()
     };
-    let far = Track {
+    let far = TrackView {
         id: 12,
         rect: [40.5, 90.25, 10.0, 5.0],
-        level: Level::Traffic,
+        level: AlertLevel::Traffic,
         confirmed: true,
         coasting: true,
         azimuth_deg: Some(-22.0),
         elevation_deg: Some(-1.5),
         score: 0.5,
-        ..Track::default()
+        ..TrackView::default()
     };
-    Snapshot { tracks: vec![far, near], level: Level::Warning, ..quiet(frames) }
+    Snapshot { tracks: vec![far, near], level: AlertLevel::Warning, ..quiet(frames) }
 }
 
 /// An answer, taken apart.
@@ -283,12 +285,12 @@ fn monitors_are_told_whether_it_watches() {
     preview.publish(quiet(1));
     assert_eq!(health(), (200, "watching: 25.0 frames a second".into()));
     let mut blind = quiet(2);
-    blind.health.state = State::Blind;
+    blind.health.state = StateView::Blind;
     blind.health.blind = Blind::GLARE.and(Blind::BLUR);
     preview.publish(blind);
     assert_eq!(health(), (503, "blind: glare, blurred".into()));
     let mut gone = quiet(2);
-    gone.health.state = State::CameraGone;
+    gone.health.state = StateView::CameraGone;
     preview.publish(gone);
     assert_eq!(health(), (503, "camera gone".into()));
     preview.publish(quiet(3));
@@ -344,7 +346,7 @@ fn the_picture_is_the_one_published() {
     // A picture of another size than it says is none.
     for (width, height) in [(0, 0), (WIDTH + 1, HEIGHT), (usize::MAX, usize::MAX), (70_000, 1)] {
         let pixels = vec![0; if height == 1 { width } else { 9 }];
-        let broken = Picture { pixels, width, height };
+        let broken = PictureView { pixels, width, height };
         preview.publish(Snapshot { picture: Some(broken), ..quiet(4) });
         assert_eq!(get(&preview, "/frame.jpg").body.len(), answer.body.len());
     }

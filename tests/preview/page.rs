@@ -3,9 +3,9 @@
 use super::browser::Browser;
 use super::{picture, quiet, start, warning};
 use lookout::mavlink::messages::Blind;
-use lookout::shell::preview::snapshot::{LinkState, ParameterLine, State, Track};
+use lookout::shell::preview::snapshot::{LinkState, ParameterLine, StateView, TrackView};
 use lookout::shell::preview::{Preview, Snapshot};
-use lookout::tracking::traffic::Level;
+use lookout::tracking::traffic::AlertLevel;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -31,7 +31,7 @@ impl Loop {
             let mut frames = 0;
             while !end.load(Ordering::Relaxed) {
                 if let Some(mut snapshot) = source.lock().unwrap().clone() {
-                    if snapshot.health.state != State::CameraGone {
+                    if snapshot.health.state != StateView::CameraGone {
                         frames += 1;
                         snapshot.picture = publisher.wants_picture().then(picture);
                     }
@@ -182,7 +182,7 @@ fn the_page_says_what_was_published() {
         fits(&mut browser, name);
     }
     let mut caution = warning(0);
-    caution.level = lookout::tracking::traffic::Level::Caution;
+    caution.level = lookout::tracking::traffic::AlertLevel::Caution;
     caution.tracks[1].level = caution.level;
     lookout.show(caution);
     browser.reads("level", "Caution");
@@ -199,13 +199,13 @@ fn the_page_says_what_was_published() {
     browser.reads("detail", "Object 7: –, 12.0° up, about 84 ± 59 m, contact in 6.0 s");
 
     let mut blind = quiet(0);
-    blind.health.state = State::Blind;
+    blind.health.state = StateView::Blind;
     blind.health.blind = Blind::DARK.and(Blind::COVERED);
     lookout.show(blind);
     browser.reads("fault", "Blind: too dark, covered or frozen.");
     browser.reads("level", "Not watching");
     let mut gone = quiet(0);
-    gone.health.state = State::CameraGone;
+    gone.health.state = StateView::CameraGone;
     lookout.show(gone);
     browser.reads("fault", "Camera gone: no pictures come.");
     browser.reads("state", "camera gone");
@@ -257,7 +257,7 @@ fn label_faults(browser: &mut Browser, id: &str) -> Value {
 fn crowd() -> Snapshot {
     let mut snapshot = warning(0);
     let template = snapshot.tracks[1].clone();
-    let levels = [Level::Warning, Level::Caution, Level::Traffic, Level::None];
+    let levels = [AlertLevel::Warning, AlertLevel::Caution, AlertLevel::Traffic, AlertLevel::None];
     snapshot.tracks = (0..12u16)
         .map(|i| {
             let at = f64::from(i);
@@ -268,7 +268,7 @@ fn crowd() -> Snapshot {
             };
             let level = levels[usize::from(i) % 4];
             let azimuth_deg = Some((rect[0] - 160.0) / 160.0 * 31.0);
-            Track { id: 9990 + i, rect, level, azimuth_deg, ..template.clone() }
+            TrackView { id: 9990 + i, rect, level, azimuth_deg, ..template.clone() }
         })
         .collect();
     snapshot
@@ -376,7 +376,7 @@ fn a_silent_gimbal_and_a_slow_detector_stand_out() {
     lookout.show(slow.clone());
     browser.until("document.getElementById('fault').innerText.startsWith('The detector is')", true);
     browser.reads("level", "No alert");
-    slow.health.state = State::Slow;
+    slow.health.state = StateView::Slow;
     lookout.show(slow);
     browser.reads("level", "Not watching");
     browser.reads("state", "too slow");

@@ -6,15 +6,15 @@ mod feed;
 
 use feed::Feed;
 use lookout::camera::Camera;
+use lookout::detector::{self, Buffers, Config, Detections, Detector, DetectorStage};
+use lookout::image::Image;
 use lookout::mavlink::component::Trust;
 use lookout::mavlink::component::parameters::Parameters;
-use lookout::detector::{self, Buffers, Config, Detections, Detector, Stage};
-use lookout::image::Image;
+use lookout::mavlink::dialect::ArduPilotFrames;
+use lookout::mavlink::lookout::Lookout;
 use lookout::model::{Method, Model, ModelError};
-use lookout::mavlink::lookout::Onboard;
 use lookout::tracking::tracker;
 use mavlink_core::MavlinkReader;
-use lookout::mavlink::dialect::Frames;
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// The model in flash.
@@ -63,7 +63,7 @@ pub struct Firmware {
     detector: Detector<'static, 'static>,
     /// Of the last frame: four kilobytes, which a small stack has no room for.
     detections: Detections,
-    onboard: Onboard,
+    onboard: Lookout,
     reader: MavlinkReader<Feed>,
     /// Number of the next frame of MAVLink, of each component that speaks.
     sequences: [u8; 256],
@@ -87,11 +87,17 @@ impl Firmware {
         let Memory { bytes, words } = MEMORY.take();
         let buffers = Buffers { bytes, words };
         let detector = Detector::new(&model, CONFIG, buffers).map_err(Error::Memory)?;
-        let tracks = tracker::Settings::calibrated(model.calibration());
+        let tracks = tracker::TrackerSettings::calibrated(model.calibration());
         let firmware = FIRMWARE.init_with(|| Self {
             detector,
             detections: Detections::default(),
-            onboard: Onboard::new(camera, tracks, Default::default(), Parameters::default(), now_us),
+            onboard: Lookout::new(
+                camera,
+                tracks,
+                Default::default(),
+                Parameters::default(),
+                now_us,
+            ),
             reader: MavlinkReader::new(Feed::new()),
             sequences: [0; 256],
         });
@@ -103,7 +109,7 @@ impl Firmware {
         while !bytes.is_empty() {
             bytes = self.reader.get_mut().fill(bytes);
             // An error says only that the bytes are at their end; half a frame stays in the reader.
-            while let Ok(frame) = self.reader.read_any_raw_message_with_dialect(&Frames) {
+            while let Ok(frame) = self.reader.read_any_raw_message_with_dialect(&ArduPilotFrames) {
                 self.onboard.hear(LINE, &frame, Trust::Open, now_us);
             }
         }
@@ -117,7 +123,7 @@ impl Firmware {
         &mut self,
         frame: Image<'_>,
         time_us: i64,
-        observer: &mut dyn FnMut(Stage),
+        observer: &mut dyn FnMut(DetectorStage),
         clock: impl FnOnce() -> i64,
     ) -> Result<&Detections, detector::Error> {
         let Self { detector, detections, onboard, .. } = self;

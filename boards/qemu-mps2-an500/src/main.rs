@@ -13,11 +13,11 @@ use cortex_m::Peripherals;
 use cortex_m_rt::entry;
 use counter::Counter;
 use firmware::{CONFIG, Firmware, TICK_US};
-use lookout::math::real::{PI, Real};
 use lookout::camera::Camera;
-use lookout::detector::Stage;
+use lookout::detector::DetectorStage;
 use lookout::detector::digest::Digest;
 use lookout::image::Image;
+use lookout::math::real::{PI, Real};
 use semihosting::fs::File;
 use semihosting::io::Read;
 use semihosting::{eprintln, print, println, process};
@@ -100,7 +100,7 @@ fn replay(pixels: &mut [u8; PIXELS]) {
     print!("{{\"frames\": {number}, \"detections\": {detections}, \"digest\": \"{digest:016x}\", ");
     print!("\"statics\": {statics}, \"stack\": {stack}, \"instructions_worst\": {worst}, ");
     let mean = |sum: u64| sum / number.max(1).unsigned_abs();
-    for (stage, sum) in Stage::ALL.iter().zip(total.stages) {
+    for (stage, sum) in DetectorStage::ALL.iter().zip(total.stages) {
         print!("\"instructions_{}\": {}, ", stage.name(), mean(sum));
     }
     println!("\"instructions_others\": {}}}", mean(total.others));
@@ -110,7 +110,7 @@ fn replay(pixels: &mut [u8; PIXELS]) {
 #[derive(Default)]
 struct Work {
     /// Of the detector, by stage.
-    stages: [u64; Stage::ALL.len()],
+    stages: [u64; DetectorStage::ALL.len()],
     /// Of all else: tracks, and messages heard and sent.
     others: u64,
 }

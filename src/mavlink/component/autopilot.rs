@@ -5,12 +5,12 @@
 //! was heard beside it flies on its own and is never served.
 
 use super::cadence::Cadence;
-use super::clock::Clock;
-use super::commands::Fields;
+use super::clock::ClockOffset;
+use super::commands::PayloadFields;
 use super::gimbal::Gimbal;
 use super::heartbeat::is_vehicle;
 use super::rotation::{from_euler, quaternion};
-use super::{Component, Destination, Event, Priority, Sender};
+use super::{Component, ComponentEvent, Destination, Priority, Sender};
 use crate::mavlink::dialect::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA,
     HIGHRES_IMU_DATA, MavCmd, SCALED_IMU_DATA, SYSTEM_TIME_DATA, TIMESYNC_DATA,
@@ -161,15 +161,15 @@ impl Component {
         self.home.get_or_insert((from.system, from.component));
         let loss_announced = core::mem::take(&mut self.loss_announced);
         match self.last_served {
-            None => self.happened(Event::Found { system_id, autopilot: kind }),
+            None => self.happened(ComponentEvent::Found { system_id, autopilot: kind }),
             Some(last) if last.is(from) => {
-                self.happened(Event::Returned { system_id });
+                self.happened(ComponentEvent::Returned { system_id });
                 if loss_announced {
                     self.announce(AutopilotNews::Returned);
                 }
             }
             Some(_) => {
-                self.happened(Event::Found { system_id, autopilot: kind });
+                self.happened(ComponentEvent::Found { system_id, autopilot: kind });
                 self.announce(AutopilotNews::Other(system_id));
             }
         }
@@ -192,7 +192,7 @@ impl Component {
     fn lose_autopilot(&mut self, now_us: i64) {
         self.last_served = self.autopilot.take();
         self.forget_flight();
-        self.happened(Event::Lost);
+        self.happened(ComponentEvent::Lost);
         if silent(self.loss_text_us, now_us, LOST_TEXT_US) {
             self.loss_text_us = Some(now_us);
             self.loss_announced = true;
@@ -201,7 +201,7 @@ impl Component {
     }
 
     fn forget_flight(&mut self) {
-        self.clock = Clock::default();
+        self.clock = ClockOffset::default();
         self.vehicle = None;
         self.unix_offset_us = None;
         self.gimbal.forget();
@@ -225,7 +225,7 @@ impl Component {
         own.boot_ms = Some(if restarted { boot_ms } else { latest });
         if restarted {
             self.forget_flight();
-            self.happened(Event::Restarted);
+            self.happened(ComponentEvent::Restarted);
             self.announce(AutopilotNews::Restarted);
         }
     }
@@ -276,15 +276,15 @@ impl Component {
                 }
             }
             SCALED_IMU_DATA::ID => {
-                let fields = Fields(payload);
+                let fields = PayloadFields(payload);
                 let time_us = self.clock.local_us(u32::from_le_bytes(fields.bytes(0)), now_us);
                 // Thousandths of a radian a second.
                 let rates = [10, 12, 14]
                     .map(|at| I16F16::from_num(i16::from_le_bytes(fields.bytes(at))) / 1000);
-                self.happened(Event::Rates { time_us, rates });
+                self.happened(ComponentEvent::Rates { time_us, rates });
             }
             HIGHRES_IMU_DATA::ID => {
-                let fields = Fields(payload);
+                let fields = PayloadFields(payload);
                 let updated = u16::from_le_bytes(fields.bytes(60));
                 if updated & GYROSCOPE == GYROSCOPE {
                     // A stamp that is the time of day, and no time since boot, is of another clock.
@@ -333,7 +333,7 @@ impl Component {
             own.attitude.heard(now_us);
         }
         let time_us = self.clock.local_us(boot_ms, now_us);
-        self.happened(Event::Attitude { time_us, quaternion });
+        self.happened(ComponentEvent::Attitude { time_us, quaternion });
         time_us
     }
 
@@ -341,7 +341,7 @@ impl Component {
     fn hear_rates(&mut self, time_us: i64, wire: [f32; 3]) {
         let [x, y, z] = wire.map(I16F16::checked_from_num);
         if let (Some(x), Some(y), Some(z)) = (x, y, z) {
-            self.happened(Event::Rates { time_us, rates: [x, y, z] });
+            self.happened(ComponentEvent::Rates { time_us, rates: [x, y, z] });
         }
     }
 

@@ -21,7 +21,7 @@ const WINDOW_US: i64 = 10_000_000;
 
 /// Estimated offset between the autopilot's clock and ours.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Clock {
+pub struct ClockOffset {
     /// Requests that may still be answered: our time in microseconds.
     asked: [Option<i64>; 4],
     asked_at: usize,
@@ -35,7 +35,7 @@ pub struct Clock {
     window_us: i64,
 }
 
-impl Clock {
+impl ClockOffset {
     /// Round trips that count so far.
     pub fn trips(&self) -> u32 {
         self.trips
@@ -129,14 +129,14 @@ mod tests {
     use proptest::prelude::*;
 
     /// Trips of the autopilot's clock, `offset` ahead, with delays of `there` and `back` microseconds.
-    fn trip(clock: &mut Clock, now: i64, offset: i64, there: i64, back: i64) {
+    fn trip(clock: &mut ClockOffset, now: i64, offset: i64, there: i64, back: i64) {
         clock.ask(now);
         assert!(clock.answer((now + there + offset) * 1000, now * 1000, now + there + back));
     }
 
     #[test]
     fn slow_trips_do_not_spoil_the_offset() {
-        let mut clock = Clock::default();
+        let mut clock = ClockOffset::default();
         let offset = 7_000_000;
         for i in 0..100 {
             let late = if i % 3 == 0 { 0 } else { 8_000 };
@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn a_jump_is_believed_the_third_time() {
-        let mut clock = Clock::default();
+        let mut clock = ClockOffset::default();
         trip(&mut clock, 0, 0, 500, 500);
         for i in 1..=3 {
             assert_eq!(clock.offset_us().unwrap().0, 0);
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn answers_to_others_are_left_alone() {
-        let mut clock = Clock::default();
+        let mut clock = ClockOffset::default();
         clock.ask(5);
         assert!(!clock.answer(1, 6_000, 10));
         assert!(clock.answer(1, 5_000, 10));
@@ -173,7 +173,7 @@ mod tests {
 
     #[test]
     fn without_timesync_the_quickest_message_counts() {
-        let mut clock = Clock::default();
+        let mut clock = ClockOffset::default();
         // Delays of 4 to 44 ms; started 100 s before us.
         let mut worst = 0;
         for i in 0..200i64 {
@@ -192,7 +192,7 @@ mod tests {
     proptest! {
         #[test]
         fn any_numbers(steps in prop::collection::vec(any::<(i64, i64, u32, bool)>(), 0..50)) {
-            let mut clock = Clock::default();
+            let mut clock = ClockOffset::default();
             for (now, theirs, boot, known) in steps {
                 clock.ask(now);
                 let ours = if known { now.wrapping_mul(1000) } else { theirs };

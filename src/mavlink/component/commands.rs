@@ -4,7 +4,7 @@
 //! that is younger than this program, and just those are to be answered.
 //! Source: <https://mavlink.io/en/services/command.html>.
 
-use super::written::{ByHand, Written};
+use super::written::{ByHand, SentMessage};
 use super::{Component, Destination, Priority, Sender};
 use crate::mavlink::dialect::COMMAND_ACK_DATA;
 use crate::mavlink::messages::{Payload, status};
@@ -29,9 +29,9 @@ pub(super) enum Verdict {
 
 /// Little-endian fields of a payload whose trailing zeros were cut off.
 #[derive(Clone, Copy)]
-pub(super) struct Fields<'a>(pub &'a [u8]);
+pub(super) struct PayloadFields<'a>(pub &'a [u8]);
 
-impl Fields<'_> {
+impl PayloadFields<'_> {
     pub(super) fn bytes<const N: usize>(self, at: usize) -> [u8; N] {
         core::array::from_fn(|i| self.0.get(at + i).copied().unwrap_or(0))
     }
@@ -52,7 +52,7 @@ struct Acknowledgement {
     to: Sender,
 }
 
-impl Written for Acknowledgement {
+impl SentMessage for Acknowledgement {
     const ID: u32 = COMMAND_ACK_DATA::ID;
     const NAME: &'static str = COMMAND_ACK_DATA::NAME;
     const EXTRA_CRC: u8 = COMMAND_ACK_DATA::EXTRA_CRC;
@@ -68,7 +68,7 @@ impl Written for Acknowledgement {
 #[derive(Clone, Copy)]
 struct Command<'a> {
     number: u16,
-    fields: Fields<'a>,
+    fields: PayloadFields<'a>,
     /// The component it is for.
     component: u8,
     /// Whether it names that component, or all of them.
@@ -98,7 +98,7 @@ pub(super) struct Follow {
 impl Component {
     /// COMMAND_LONG or COMMAND_INT: both have their first two parameters, command and target at the same places.
     pub(super) fn hear_command(&mut self, from: Sender, payload: &[u8], now_us: i64) {
-        let fields = Fields(payload);
+        let fields = PayloadFields(payload);
         let Some((component, direct)) = self.addressed(fields.byte(30), fields.byte(31)) else {
             return;
         };

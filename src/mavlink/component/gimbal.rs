@@ -6,10 +6,10 @@
 //! Source: <https://mavlink.io/en/messages/common.html#GIMBAL_DEVICE_ATTITUDE_STATUS>.
 
 use super::cadence::Cadence;
-use super::clock::Clock;
-use super::commands::Fields;
+use super::clock::ClockOffset;
+use super::commands::PayloadFields;
 use super::rotation::{quaternion, turned_by_yaw};
-use super::{Component, Event, Sender};
+use super::{Component, ComponentEvent, Sender};
 use crate::mavlink::dialect::{CAMERA_FOV_STATUS_DATA, GIMBAL_DEVICE_ATTITUDE_STATUS_DATA};
 use fixed::types::I16F16;
 use mavlink_core::MessageData;
@@ -35,7 +35,7 @@ pub struct Gimbal {
     /// Component and device id of the gimbal that was heard first; no other one is listened to.
     device: Option<(u8, u8)>,
     link: u8,
-    clock: Clock,
+    clock: ClockOffset,
     attitude: Cadence,
     /// The component that told a field of view first.
     camera: Option<u8>,
@@ -55,7 +55,7 @@ impl Gimbal {
 
     /// Forgets its times, for those of another clock or vehicle.
     pub(super) fn forget(&mut self) {
-        self.clock = Clock::default();
+        self.clock = ClockOffset::default();
         self.attitude = Cadence::default();
     }
 }
@@ -73,7 +73,7 @@ impl Component {
 
     /// GIMBAL_DEVICE_ATTITUDE_STATUS. `false` where it holds no attitude.
     pub(super) fn hear_gimbal(&mut self, from: Sender, payload: &[u8], now_us: i64) -> bool {
-        let fields = Fields(payload);
+        let fields = PayloadFields(payload);
         let Some(wire) = quaternion([4, 8, 12, 16].map(|at| fields.float(at))) else {
             return false;
         };
@@ -104,7 +104,7 @@ impl Component {
         // The gimbal itself may know the vehicle's heading; a message without the field, or with zeros cut off, does not.
         let delta = (payload.len() > 40 && explicit != 0).then(|| fields.float(40));
         let turned = delta.filter(|_| !from_north).and_then(|yaw| turned_by_yaw(yaw, wire));
-        self.happened(Event::Gimbal {
+        self.happened(ComponentEvent::Gimbal {
             time_us,
             quaternion: turned.unwrap_or(wire),
             from_north: from_north || turned.is_some(),
@@ -114,13 +114,13 @@ impl Component {
 
     /// CAMERA_FOV_STATUS: the horizontal field of view, where it is known.
     pub(super) fn hear_view(&mut self, from: Sender, payload: &[u8], now_us: i64) {
-        let degrees = I16F16::checked_from_num(Fields(payload).float(44));
+        let degrees = I16F16::checked_from_num(PayloadFields(payload).float(44));
         let Some(degrees) = degrees.filter(|d| (1..=170).contains(&d.to_num::<i32>())) else {
             return;
         };
         if *self.gimbal.camera.get_or_insert(from.component) == from.component {
             self.gimbal.view.heard(now_us);
-            self.happened(Event::FieldOfView { degrees });
+            self.happened(ComponentEvent::FieldOfView { degrees });
         }
     }
 

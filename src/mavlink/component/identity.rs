@@ -19,7 +19,7 @@ pub struct Naming {
 
 /// The address of a track: a slot of [`IDS`], given in turn, so that an address is used again as late as possible.
 #[derive(Debug, Clone, Copy)]
-struct Slot {
+struct IdSlot {
     track: u16,
     slot: u32,
 }
@@ -27,7 +27,7 @@ struct Slot {
 /// Which track has which slot.
 #[derive(Debug, Default)]
 pub(super) struct Slots {
-    taken: heapless::Vec<Slot, MAX_TRAFFIC>,
+    taken: heapless::Vec<IdSlot, MAX_TRAFFIC>,
     next: u32,
 }
 
@@ -42,7 +42,7 @@ impl Slots {
             while self.taken.iter().any(|taken| taken.slot == self.next) {
                 self.next = (self.next + 1) % IDS;
             }
-            let _ = self.taken.push(Slot { track, slot: self.next });
+            let _ = self.taken.push(IdSlot { track, slot: self.next });
             self.next = (self.next + 1) % IDS;
         }
     }

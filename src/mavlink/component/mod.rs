@@ -21,7 +21,7 @@ mod written;
 use autopilot::{OTHERS, OtherVehicle};
 
 pub use autopilot::Autopilot;
-pub use clock::Clock;
+pub use clock::ClockOffset;
 pub use cooperative::Aircraft;
 pub use gimbal::{Gimbal, STALE_US as GIMBAL_STALE_US};
 pub use heartbeat::is_vehicle;
@@ -33,28 +33,28 @@ use crate::mavlink::dialect::{
     GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, HIGHRES_IMU_DATA, PARAM_REQUEST_LIST_DATA,
     PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, SCALED_IMU_DATA, SYSTEM_TIME_DATA, TIMESYNC_DATA,
 };
-use crate::mavlink::messages::status::{HeartbeatType, State};
+use crate::mavlink::messages::status::{HeartbeatType, LookoutState};
 use crate::mavlink::messages::text::Alerts;
 use crate::mavlink::messages::{self, Health, Payload, Vehicle};
 use crate::mavlink::placing::News;
-use crate::tracking::traffic::{Level, MAX_TRAFFIC, Traffic};
-use commands::{Fields, Follow};
+use crate::tracking::traffic::{AlertLevel, MAX_TRAFFIC, Traffic};
+use commands::{Follow, PayloadFields};
 use cooperative::AIRCRAFT;
 use fixed::types::I16F16;
 use identity::Slots;
 use mavlink_core::{MAVLinkMessageRaw, MessageData};
 use parameters::{Parameter, Parameters};
-use streams::{STREAMS, Seen, Timer};
+use streams::{LastSeen, STREAMS, Timer};
 
 /// Settings that stay the same while the component runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Config {
+pub struct ComponentConfig {
     /// Our system id. `None`: the autopilot's, from its first heartbeat; 1 until then.
     pub system_id: Option<u8>,
     /// Our component id. Default 196, MAV_COMP_ID_OBSTACLE_AVOIDANCE; 191 is the neutral choice.
     pub component_id: u8,
     /// Behave as a camera too, so that QGroundControl draws a box (off by default).
-    pub camera: Option<Camera>,
+    pub camera: Option<CameraComponent>,
     /// The camera is on a gimbal, whose own messages give its attitude. Default `false`.
     pub gimbal: bool,
     /// Rate of attitudes requested from the autopilot, Hz. Default 50.
@@ -69,14 +69,14 @@ pub struct Config {
     pub naming: Naming,
 }
 
-impl Config {
+impl ComponentConfig {
     /// Whether the camera is on a gimbal. A board without an operating system has no flash to spare for one.
     const fn has_gimbal(&self) -> bool {
         cfg!(feature = "std") && self.gimbal
     }
 }
 
-impl Default for Config {
+impl Default for ComponentConfig {
     fn default() -> Self {
         Self {
             system_id: None,
@@ -94,7 +94,7 @@ impl Default for Config {
 
 /// The camera component that CAMERA_TRACKING_IMAGE_STATUS needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Camera {
+pub struct CameraComponent {
     /// Its component id: 100, MAV_COMP_ID_CAMERA, unless another program serves that camera.
     pub component_id: u8,
     /// Width of the frames in pixels.
@@ -157,7 +157,7 @@ pub struct Outgoing {
 
 /// A change that the component's owner handles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Event {
+pub enum ComponentEvent {
     /// The first heartbeat of an autopilot, or of another one after ours was lost.
     Found {
         /// Its system id.
@@ -247,22 +247,22 @@ const EVENTS: usize = 32;
 ///
 /// ```
 /// use lookout::mavlink::component::parameters::Parameters;
-/// use lookout::mavlink::component::{Component, Config, Event, Trust};
+/// use lookout::mavlink::component::{Component, ComponentConfig, ComponentEvent, Trust};
 /// use lookout::mavlink::dialect::{HEARTBEAT_DATA, MavAutopilot, MavType};
 /// use lookout::mavlink::messages::Payload;
-/// use lookout::mavlink::messages::status::{self, HeartbeatType, State};
+/// use lookout::mavlink::messages::status::{self, HeartbeatType, LookoutState};
 /// use mavlink_core::MAVLinkMessageRaw;
 ///
-/// let mut component = Component::new(Config::default(), Parameters::default(), 0);
+/// let mut component = Component::new(ComponentConfig::default(), Parameters::default(), 0);
 /// let heartbeat = HEARTBEAT_DATA {
 ///     autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
 ///     mavtype: MavType::MAV_TYPE_QUADROTOR,
-///     ..status::heartbeat(State::Starting, HeartbeatType::default())
+///     ..status::heartbeat(LookoutState::Starting, HeartbeatType::default())
 /// };
 /// // Frames that arrived on link 0 go in, from system 5, component 1.
 /// let frame = MAVLinkMessageRaw::V2(Payload::new(&heartbeat).frame(5, 1, 0, false));
 /// component.receive(0, &frame, Trust::Open, 1_000);
-/// assert_eq!(component.event(), Some(Event::Found { system_id: 5, autopilot: 3 }));
+/// assert_eq!(component.event(), Some(ComponentEvent::Found { system_id: 5, autopilot: 3 }));
 /// assert_eq!(component.system_id(), 5);
 ///
 /// // Messages to be sent come out: our own heartbeat (message 0) among them.
@@ -274,12 +274,12 @@ const EVENTS: usize = 32;
 /// ```
 #[derive(Debug)]
 pub struct Component {
-    config: Config,
+    config: ComponentConfig,
     parameters: Parameters,
     counters: Counters,
     outbox: heapless::Deque<Outgoing, OUTBOX>,
     answers: heapless::Deque<Outgoing, ANSWERS>,
-    events: heapless::Deque<Event, EVENTS>,
+    events: heapless::Deque<ComponentEvent, EVENTS>,
     started_us: i64,
 
     autopilot: Option<Autopilot>,
@@ -291,7 +291,7 @@ pub struct Component {
     /// When a text last said that the autopilot is lost, and whether the last loss was said.
     loss_text_us: Option<i64>,
     loss_announced: bool,
-    clock: Clock,
+    clock: ClockOffset,
     timesync_us: Option<i64>,
     unix_offset_us: Option<i64>,
     vehicle: Option<Vehicle>,
@@ -301,7 +301,7 @@ pub struct Component {
     slots: Slots,
 
     traffic: heapless::Vec<Traffic, MAX_TRAFFIC>,
-    seen: heapless::Vec<Seen, MAX_TRAFFIC>,
+    seen: heapless::Vec<LastSeen, MAX_TRAFFIC>,
     health: Health,
     frame_us: i64,
     observed_us: Option<i64>,
@@ -311,11 +311,11 @@ pub struct Component {
     counted: (u32, i64),
     rate: I16F16,
 
-    state: State,
+    state: LookoutState,
     /// When the lookout began to see, or not to see for the present reason.
     sight_us: i64,
     /// The state of the last text about it, and when the last text said that nothing is seen.
-    sight_announced: (State, Option<i64>),
+    sight_announced: (LookoutState, Option<i64>),
     alerts: Alerts,
     timers: [Timer; STREAMS.len()],
     follow: Follow,
@@ -325,7 +325,7 @@ pub struct Component {
 
 impl Component {
     /// A component that has received nothing.
-    pub fn new(config: Config, parameters: Parameters, now_us: i64) -> Self {
+    pub fn new(config: ComponentConfig, parameters: Parameters, now_us: i64) -> Self {
         Self {
             config,
             parameters,
@@ -340,7 +340,7 @@ impl Component {
             others: heapless::Vec::new(),
             loss_text_us: None,
             loss_announced: false,
-            clock: Clock::default(),
+            clock: ClockOffset::default(),
             timesync_us: None,
             unix_offset_us: None,
             vehicle: None,
@@ -355,9 +355,9 @@ impl Component {
             slow: false,
             counted: (0, now_us),
             rate: I16F16::ZERO,
-            state: State::Starting,
+            state: LookoutState::Starting,
             sight_us: now_us,
-            sight_announced: (State::Starting, None),
+            sight_announced: (LookoutState::Starting, None),
             alerts: Alerts::default(),
             timers: [Timer::default(); STREAMS.len()],
             follow: Follow { on: true, chosen: None },
@@ -386,7 +386,7 @@ impl Component {
         self.hear_autopilot(from, now_us);
         match id {
             HEARTBEAT_DATA::ID => {
-                let fields = Fields(payload);
+                let fields = PayloadFields(payload);
                 self.hear_heartbeat(from, fields.byte(4), fields.byte(5), now_us);
             }
             ATTITUDE_DATA::ID
@@ -442,7 +442,7 @@ impl Component {
     }
 
     /// Sets the traffic of the frame taken at `frame_time_us`, at most [`MAX_TRAFFIC`] objects. Call it for every processed
-    /// frame, also without traffic: without calls for [`Config::stall_us`] the state becomes stalled.
+    /// frame, also without traffic: without calls for [`ComponentConfig::stall_us`] the state becomes stalled.
     pub fn observe(
         &mut self,
         traffic: &[Traffic],
@@ -458,7 +458,9 @@ impl Component {
         self.slow = i64::from(health.busy_us) > limit;
         self.traffic.clear();
         // Most urgent first, should there ever be too many.
-        for level in [Level::Warning, Level::Caution, Level::Traffic, Level::None] {
+        for level in
+            [AlertLevel::Warning, AlertLevel::Caution, AlertLevel::Traffic, AlertLevel::None]
+        {
             for object in traffic.iter().filter(|object| object.level == level) {
                 let _ = self.traffic.push(*object);
             }
@@ -466,7 +468,7 @@ impl Component {
         let traffic = &self.traffic;
         self.seen.retain(|seen| traffic.iter().any(|object| object.id == seen.track));
         for object in &self.traffic {
-            let threat = (object.level >= Level::Caution).then_some(now_us);
+            let threat = (object.level >= AlertLevel::Caution).then_some(now_us);
             match self.seen.iter_mut().find(|seen| seen.track == object.id) {
                 Some(seen) => {
                     if !object.coasting {
@@ -476,7 +478,8 @@ impl Component {
                 }
                 None => {
                     let time_us = frame_time_us;
-                    let new = Seen { track: object.id, time_us, threat_us: threat, yield_us: None };
+                    let new =
+                        LastSeen { track: object.id, time_us, threat_us: threat, yield_us: None };
                     let _ = self.seen.push(new);
                 }
             }
@@ -523,7 +526,7 @@ impl Component {
     }
 
     /// The next event, oldest first.
-    pub fn event(&mut self) -> Option<Event> {
+    pub fn event(&mut self) -> Option<ComponentEvent> {
         self.events.pop_front()
     }
 
@@ -538,7 +541,7 @@ impl Component {
     }
 
     /// State of the lookout.
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> LookoutState {
         self.state
     }
 
@@ -573,7 +576,7 @@ impl Component {
     }
 
     /// Estimated offset of the autopilot's clock.
-    pub fn clock(&self) -> &Clock {
+    pub fn clock(&self) -> &ClockOffset {
         &self.clock
     }
 
@@ -632,10 +635,14 @@ impl Component {
     }
 
     /// Keeps an event. Of too many the oldest are lost; attitudes never displace others.
-    fn happened(&mut self, event: Event) {
+    fn happened(&mut self, event: ComponentEvent) {
         if self.events.is_full() {
-            if matches!(event, Event::Attitude { .. } | Event::Rates { .. } | Event::Gimbal { .. })
-            {
+            if matches!(
+                event,
+                ComponentEvent::Attitude { .. }
+                    | ComponentEvent::Rates { .. }
+                    | ComponentEvent::Gimbal { .. }
+            ) {
                 return;
             }
             self.events.pop_front();

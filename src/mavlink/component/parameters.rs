@@ -4,9 +4,9 @@
 //! C-cast (ArduPilot), are the same bytes, and no receiver can read them wrongly.
 //! Source: <https://mavlink.io/en/services/parameter.html>.
 
-use super::commands::Fields;
+use super::commands::PayloadFields;
 use super::requests::ParameterError;
-use super::{Component, Destination, Event, Priority, Sender};
+use super::{Component, ComponentEvent, Destination, Priority, Sender};
 use crate::mavlink::dialect::{
     MavParamType, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_VALUE_DATA,
 };
@@ -51,7 +51,7 @@ pub const COUNT: usize = 12;
 
 /// Values that a parameter may have between its least and its largest.
 #[derive(Clone, Copy)]
-enum Kind {
+enum ValueKind {
     /// Any number in the range.
     Any,
     /// Whole numbers in the range.
@@ -64,21 +64,21 @@ enum Kind {
 const LEAST_RATE: f32 = 0.125;
 
 /// Name, default, least and largest value of a parameter, and which values between.
-struct Definition(Parameter, &'static str, f32, f32, f32, Kind);
+struct Definition(Parameter, &'static str, f32, f32, f32, ValueKind);
 
 static DEFINITIONS: [Definition; COUNT] = [
-    Definition(Parameter::Threshold, "LK_THRESHOLD", 0.0, -32.0, 32.0, Kind::Any),
-    Definition(Parameter::Wingspan, "LK_WINGSPAN", 1.0, 0.0625, 100.0, Kind::Any),
-    Definition(Parameter::CautionTime, "LK_CAUTION_S", 16.0, 1.0, 60.0, Kind::Any),
-    Definition(Parameter::WarningTime, "LK_WARNING_S", 8.0, 1.0, 60.0, Kind::Any),
-    Definition(Parameter::AdsbRate, "LK_ADSB_HZ", 2.0, 0.0, 5.0, Kind::Rate),
-    Definition(Parameter::Collision, "LK_COLLISION", 1.0, 0.0, 1.0, Kind::Whole),
-    Definition(Parameter::Text, "LK_TEXT", 1.0, 0.0, 1.0, Kind::Whole),
-    Definition(Parameter::TextInterval, "LK_TEXT_S", 60.0, 5.0, 600.0, Kind::Any),
-    Definition(Parameter::Proximity, "LK_PROXIMITY", 0.0, 0.0, 2.0, Kind::Whole),
-    Definition(Parameter::ProximityRate, "LK_PROX_HZ", 10.0, 5.0, 20.0, Kind::Any),
-    Definition(Parameter::ProximityMax, "LK_PROX_MAX", 100.0, 10.0, 600.0, Kind::Any),
-    Definition(Parameter::Health, "LK_HEALTH", 1.0, 0.0, 1.0, Kind::Whole),
+    Definition(Parameter::Threshold, "LK_THRESHOLD", 0.0, -32.0, 32.0, ValueKind::Any),
+    Definition(Parameter::Wingspan, "LK_WINGSPAN", 1.0, 0.0625, 100.0, ValueKind::Any),
+    Definition(Parameter::CautionTime, "LK_CAUTION_S", 16.0, 1.0, 60.0, ValueKind::Any),
+    Definition(Parameter::WarningTime, "LK_WARNING_S", 8.0, 1.0, 60.0, ValueKind::Any),
+    Definition(Parameter::AdsbRate, "LK_ADSB_HZ", 2.0, 0.0, 5.0, ValueKind::Rate),
+    Definition(Parameter::Collision, "LK_COLLISION", 1.0, 0.0, 1.0, ValueKind::Whole),
+    Definition(Parameter::Text, "LK_TEXT", 1.0, 0.0, 1.0, ValueKind::Whole),
+    Definition(Parameter::TextInterval, "LK_TEXT_S", 60.0, 5.0, 600.0, ValueKind::Any),
+    Definition(Parameter::Proximity, "LK_PROXIMITY", 0.0, 0.0, 2.0, ValueKind::Whole),
+    Definition(Parameter::ProximityRate, "LK_PROX_HZ", 10.0, 5.0, 20.0, ValueKind::Any),
+    Definition(Parameter::ProximityMax, "LK_PROX_MAX", 100.0, 10.0, 600.0, ValueKind::Any),
+    Definition(Parameter::Health, "LK_HEALTH", 1.0, 0.0, 1.0, ValueKind::Whole),
 ];
 
 impl Parameter {
@@ -152,9 +152,9 @@ impl Parameters {
     pub fn set(&mut self, parameter: Parameter, value: f32) -> bool {
         let (min, max) = parameter.range();
         let fits = match DEFINITIONS[parameter.index()].5 {
-            Kind::Any => true,
-            Kind::Whole => I16F16::checked_from_num(value).is_some_and(|v| v.frac() == 0),
-            Kind::Rate => value == 0.0 || value >= LEAST_RATE,
+            ValueKind::Any => true,
+            ValueKind::Whole => I16F16::checked_from_num(value).is_some_and(|v| v.frac() == 0),
+            ValueKind::Rate => value == 0.0 || value >= LEAST_RATE,
         };
         // A NaN is in no range.
         let good = (min..=max).contains(&value) && fits;
@@ -172,7 +172,7 @@ const REAL32: u8 = 9;
 impl Component {
     /// PARAM_REQUEST_READ, PARAM_REQUEST_LIST, PARAM_SET: read by hand, because PARAM_SET may bear any type.
     pub(super) fn hear_parameter(&mut self, id: u32, from: Sender, payload: &[u8]) {
-        let fields = Fields(payload);
+        let fields = PayloadFields(payload);
         let target = match id {
             PARAM_REQUEST_LIST_DATA::ID => 0,
             PARAM_REQUEST_READ_DATA::ID => 2,
@@ -220,7 +220,7 @@ impl Component {
         if let Some(error) = error {
             self.refuse_parameter(from, name, parameter.index() as i16, error);
         } else if self.parameters.wire(parameter) != before {
-            self.happened(Event::Parameter(parameter));
+            self.happened(ComponentEvent::Parameter(parameter));
         }
         // The value that holds now, taken or not; to all, for they all keep a copy.
         self.send_parameter(Destination::All, parameter);

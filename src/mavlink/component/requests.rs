@@ -4,8 +4,8 @@
 //! Sources: <https://mavlink.io/en/services/ftp.html>, <https://mavlink.io/en/services/mission.html>,
 //! <https://mavlink.io/en/services/parameter.html>.
 
-use super::commands::Fields;
-use super::written::{ByHand, Written};
+use super::commands::PayloadFields;
+use super::written::{ByHand, SentMessage};
 use super::{Component, Destination, Priority, Sender};
 use crate::mavlink::dialect::{
     FILE_TRANSFER_PROTOCOL_DATA, MISSION_COUNT_DATA, MISSION_REQUEST_LIST_DATA, PARAM_ERROR_DATA,
@@ -48,7 +48,7 @@ struct MissionAck {
     mission_type: u8,
 }
 
-impl Written for MissionAck {
+impl SentMessage for MissionAck {
     const ID: u32 = 47;
     const NAME: &'static str = "MISSION_ACK";
     const EXTRA_CRC: u8 = 153;
@@ -65,7 +65,7 @@ struct NoMission {
     mission_type: u8,
 }
 
-impl Written for NoMission {
+impl SentMessage for NoMission {
     const ID: u32 = MISSION_COUNT_DATA::ID;
     const NAME: &'static str = MISSION_COUNT_DATA::NAME;
     const EXTRA_CRC: u8 = MISSION_COUNT_DATA::EXTRA_CRC;
@@ -87,7 +87,7 @@ pub(super) enum ParameterError {
 impl Component {
     /// Files and missions. Requests to all components are left to those that have them.
     pub(super) fn hear_request(&mut self, id: u32, from: Sender, payload: &[u8]) {
-        let fields = Fields(payload);
+        let fields = PayloadFields(payload);
         // Place of the target system, and of the mission's type where there is one.
         let (target, mission_type) = match id {
             FILE_TRANSFER_PROTOCOL_DATA::ID => (1, 0),
@@ -142,7 +142,7 @@ impl Component {
 }
 
 /// The answer to a file request: there are no files. Ending sessions succeeds, since none is open.
-fn file_answer(from: Sender, fields: Fields) -> Option<FILE_TRANSFER_PROTOCOL_DATA> {
+fn file_answer(from: Sender, fields: PayloadFields) -> Option<FILE_TRANSFER_PROTOCOL_DATA> {
     let sequence = u16::from_le_bytes(fields.bytes(FTP));
     let asked = fields.byte(FTP + 3);
     let (answer, error) = match asked {

@@ -9,7 +9,7 @@ use crate::mavlink::dialect::{
 };
 use crate::mavlink::messages::adsb::{self, Identity};
 use crate::mavlink::messages::{Payload, obstacle, status, text};
-use crate::tracking::traffic::{Level, Traffic};
+use crate::tracking::traffic::{AlertLevel, Traffic};
 use fixed::types::I16F16;
 use mavlink_core::MessageData;
 
@@ -31,7 +31,7 @@ const SHORTEST_US: i64 = 50_000;
 
 /// A message that is sent regularly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Stream {
+pub(super) enum MessageStream {
     Heartbeat,
     Adsb,
     Proximity,
@@ -40,13 +40,13 @@ pub(super) enum Stream {
     Image,
 }
 
-pub(super) const STREAMS: [Stream; 6] = [
-    Stream::Heartbeat,
-    Stream::Adsb,
-    Stream::Proximity,
-    Stream::Collision,
-    Stream::Health,
-    Stream::Image,
+pub(super) const STREAMS: [MessageStream; 6] = [
+    MessageStream::Heartbeat,
+    MessageStream::Adsb,
+    MessageStream::Proximity,
+    MessageStream::Collision,
+    MessageStream::Health,
+    MessageStream::Image,
 ];
 
 /// When a stream was last sent, and how often it is to be.
@@ -59,7 +59,7 @@ pub(super) struct Timer {
 
 /// When an object was last detected, when it was last a threat, and when the autopilot last reported it as one.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Seen {
+pub(super) struct LastSeen {
     pub track: u16,
     pub time_us: i64,
     pub threat_us: Option<i64>,
@@ -68,39 +68,41 @@ pub(super) struct Seen {
 
 impl Component {
     /// The stream that sends the message `id`, unless the parameters switch it off.
-    pub(super) fn stream_of(&self, id: u32) -> Option<Stream> {
+    pub(super) fn stream_of(&self, id: u32) -> Option<MessageStream> {
         let on = |parameter| self.parameters.is_on(parameter);
         let proximity = self.parameters.get(Parameter::Proximity);
         let stream = match id {
-            HEARTBEAT_DATA::ID => Stream::Heartbeat,
-            ADSB_VEHICLE_DATA::ID if on(Parameter::AdsbRate) => Stream::Adsb,
-            OBSTACLE_DISTANCE_DATA::ID if proximity == 1 => Stream::Proximity,
-            OBSTACLE_DISTANCE_3D_DATA::ID if proximity == 2 => Stream::Proximity,
-            COLLISION_DATA::ID if on(Parameter::Collision) => Stream::Collision,
-            NAMED_VALUE_FLOAT_DATA::ID if on(Parameter::Health) => Stream::Health,
-            CAMERA_TRACKING_IMAGE_STATUS_DATA::ID if self.config.camera.is_some() => Stream::Image,
+            HEARTBEAT_DATA::ID => MessageStream::Heartbeat,
+            ADSB_VEHICLE_DATA::ID if on(Parameter::AdsbRate) => MessageStream::Adsb,
+            OBSTACLE_DISTANCE_DATA::ID if proximity == 1 => MessageStream::Proximity,
+            OBSTACLE_DISTANCE_3D_DATA::ID if proximity == 2 => MessageStream::Proximity,
+            COLLISION_DATA::ID if on(Parameter::Collision) => MessageStream::Collision,
+            NAMED_VALUE_FLOAT_DATA::ID if on(Parameter::Health) => MessageStream::Health,
+            CAMERA_TRACKING_IMAGE_STATUS_DATA::ID if self.config.camera.is_some() => {
+                MessageStream::Image
+            }
             _ => return None,
         };
         Some(stream)
     }
 
     /// Time between two of a stream in microseconds; `None` where it is off.
-    pub(super) fn interval_us(&self, stream: Stream) -> Option<i64> {
+    pub(super) fn interval_us(&self, stream: MessageStream) -> Option<i64> {
         let rate = |parameter| {
             let bits = i64::from(self.parameters.get(parameter).to_bits());
             (1_000_000i64 << 16).checked_div(bits)
         };
         let second = |parameter| self.parameters.is_on(parameter).then_some(1_000_000);
         let default = match stream {
-            Stream::Heartbeat => Some(1_000_000),
-            Stream::Adsb => rate(Parameter::AdsbRate),
-            Stream::Proximity => {
+            MessageStream::Heartbeat => Some(1_000_000),
+            MessageStream::Adsb => rate(Parameter::AdsbRate),
+            MessageStream::Proximity => {
                 let on = self.parameters.is_on(Parameter::Proximity);
                 rate(Parameter::ProximityRate).filter(|_| on)
             }
-            Stream::Collision => second(Parameter::Collision),
-            Stream::Health => second(Parameter::Health),
-            Stream::Image => self.config.camera.map(|_| 200_000),
+            MessageStream::Collision => second(Parameter::Collision),
+            MessageStream::Health => second(Parameter::Health),
+            MessageStream::Image => self.config.camera.map(|_| 200_000),
         };
         match self.timers[stream as usize].wanted_us {
             Some(wanted) => default.and(wanted),
@@ -109,8 +111,8 @@ impl Component {
     }
 
     /// Takes the interval of SET_MESSAGE_INTERVAL: 0 the default, negative off. The heartbeat cannot be changed.
-    pub(super) fn want_interval(&mut self, stream: Stream, interval_us: i64) -> bool {
-        if stream == Stream::Heartbeat {
+    pub(super) fn want_interval(&mut self, stream: MessageStream, interval_us: i64) -> bool {
+        if stream == MessageStream::Heartbeat {
             return false;
         }
         let timer = &mut self.timers[stream as usize];
@@ -140,13 +142,13 @@ impl Component {
     }
 
     /// Queues one round of a stream now.
-    pub(super) fn send_stream(&mut self, stream: Stream, now_us: i64) {
+    pub(super) fn send_stream(&mut self, stream: MessageStream, now_us: i64) {
         let main = self.config.component_id;
         let all = Destination::All;
         let boot_ms = self.boot_ms(now_us);
         let state = self.state;
         match stream {
-            Stream::Heartbeat => {
+            MessageStream::Heartbeat => {
                 self.say(
                     all,
                     main,
@@ -158,7 +160,7 @@ impl Component {
                     self.say(all, camera.component_id, Priority::Urgent, &data);
                 }
             }
-            Stream::Adsb => {
+            MessageStream::Adsb => {
                 let Some(own) = self.fresh_vehicle(now_us) else { return };
                 self.each_object(now_us, |object, identity, seen| {
                     let age = seen.map_or(0, |seen| now_us.saturating_sub(seen.time_us));
@@ -166,11 +168,11 @@ impl Component {
                     adsb::vehicle(object, &own, identity, seconds).map(|data| Payload::new(&data))
                 });
             }
-            Stream::Proximity => self.send_proximity(now_us),
-            Stream::Collision => {
+            MessageStream::Proximity => self.send_proximity(now_us),
+            MessageStream::Collision => {
                 self.each_object(now_us, |object, identity, seen| {
                     let since = seen.and_then(|seen| seen.threat_us);
-                    let threat = object.level >= Level::Caution
+                    let threat = object.level >= AlertLevel::Caution
                         || since.is_some_and(|us| now_us.saturating_sub(us) < CLEARING_US);
                     let yields = seen.and_then(|seen| seen.yield_us);
                     let yields = yields.is_some_and(|us| now_us.saturating_sub(us) < YIELD_US);
@@ -178,7 +180,7 @@ impl Component {
                     data.map(|data| Payload::new(&data))
                 });
             }
-            Stream::Health => {
+            MessageStream::Health => {
                 let (frames, since_us) = self.counted;
                 let span = now_us.saturating_sub(since_us);
                 if span > 0 {
@@ -192,7 +194,7 @@ impl Component {
                     self.say(all, main, Priority::Status, &value);
                 }
             }
-            Stream::Image => {
+            MessageStream::Image => {
                 let Some(camera) = self.config.camera.filter(|_| self.follow.on) else { return };
                 let target = self.target(now_us);
                 let data = status::image(target.as_ref(), camera.width, camera.height);
@@ -207,7 +209,7 @@ impl Component {
             return;
         }
         let ours =
-            |seen: &Seen| self.identity(seen.track).is_some_and(|own| own.address == data.id);
+            |seen: &LastSeen| self.identity(seen.track).is_some_and(|own| own.address == data.id);
         if let Some(at) = self.seen.iter().position(ours) {
             self.seen[at].yield_us = Some(now_us);
         }
@@ -217,7 +219,7 @@ impl Component {
     fn each_object(
         &mut self,
         now_us: i64,
-        message: impl Fn(&Traffic, &Identity, Option<Seen>) -> Option<Payload>,
+        message: impl Fn(&Traffic, &Identity, Option<LastSeen>) -> Option<Payload>,
     ) {
         for at in 0..self.objects(now_us).len() {
             let object = self.traffic[at];
@@ -236,7 +238,7 @@ impl Component {
     /// lookout sees nothing, or does not know where its gimbal points: the autopilot then takes it for a lost sensor, which it is.
     fn send_proximity(&mut self, now_us: i64) {
         let Some(autopilot) = self.autopilot else { return };
-        if self.state != status::State::Watching || !self.health.pointed {
+        if self.state != status::LookoutState::Watching || !self.health.pointed {
             return;
         }
         let to = Destination::Link(autopilot.link);
@@ -276,14 +278,16 @@ impl Component {
     /// was served is there.
     pub(super) fn update_state(&mut self, now_us: i64) {
         let state = match self.observed_us {
-            None => status::State::Starting,
-            Some(last) if now_us.saturating_sub(last) > self.stall_us() => status::State::Stalled,
-            Some(_) if self.slow => status::State::Slow,
-            Some(_) if self.health.blind.any() => status::State::Blind(self.health.blind),
-            Some(_) if self.autopilot.is_none() && self.last_served.is_some() => {
-                status::State::NoAutopilot
+            None => status::LookoutState::Starting,
+            Some(last) if now_us.saturating_sub(last) > self.stall_us() => {
+                status::LookoutState::Stalled
             }
-            Some(_) => status::State::Watching,
+            Some(_) if self.slow => status::LookoutState::Slow,
+            Some(_) if self.health.blind.any() => status::LookoutState::Blind(self.health.blind),
+            Some(_) if self.autopilot.is_none() && self.last_served.is_some() => {
+                status::LookoutState::NoAutopilot
+            }
+            Some(_) => status::LookoutState::Watching,
         };
         if state != self.state {
             if sees(state) != sees(self.state) || !sees(state) {
@@ -291,8 +295,8 @@ impl Component {
             }
             self.state = state;
             // Others learn it now, not at the next second.
-            self.send_stream(Stream::Heartbeat, now_us);
-            self.timers[Stream::Heartbeat as usize].next_us = Some(now_us + 1_000_000);
+            self.send_stream(MessageStream::Heartbeat, now_us);
+            self.timers[MessageStream::Heartbeat as usize].next_us = Some(now_us + 1_000_000);
         }
         self.announce_sight(now_us);
     }
@@ -301,7 +305,7 @@ impl Component {
     fn announce_sight(&mut self, now_us: i64) {
         let (announced, bad_us) = self.sight_announced;
         let good = sees(self.state);
-        let state = if good { status::State::Watching } else { self.state };
+        let state = if good { status::LookoutState::Watching } else { self.state };
         let lasted =
             now_us.saturating_sub(self.sight_us) >= if good { 3_000_000 } else { 1_000_000 };
         let quiet = good || bad_us.is_none_or(|last| now_us.saturating_sub(last) >= 10_000_000);
@@ -315,6 +319,6 @@ impl Component {
 }
 
 /// Whether frames come and show something.
-fn sees(state: status::State) -> bool {
-    matches!(state, status::State::Watching | status::State::NoAutopilot)
+fn sees(state: status::LookoutState) -> bool {
+    matches!(state, status::LookoutState::Watching | status::LookoutState::NoAutopilot)
 }

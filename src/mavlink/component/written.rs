@@ -6,7 +6,7 @@ use mavlink_core::error::ParserError;
 use mavlink_core::{MavlinkVersion, MessageData};
 
 /// A message that is sent and never read.
-pub(super) trait Written {
+pub(super) trait SentMessage {
     const ID: u32;
     const NAME: &'static str;
     /// CRC_EXTRA of its definition.
@@ -21,7 +21,7 @@ pub(super) trait Written {
 /// The message as `mavlink-core` sends it.
 pub(super) struct ByHand<M>(pub M);
 
-impl<M: Written> MessageData for ByHand<M> {
+impl<M: SentMessage> MessageData for ByHand<M> {
     type Message = MavMessage;
     const ID: u32 = M::ID;
     const NAME: &'static str = M::NAME;

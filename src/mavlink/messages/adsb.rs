@@ -9,7 +9,7 @@ use crate::mavlink::dialect::{
     ADSB_VEHICLE_DATA, AdsbAltitudeType, AdsbEmitterType, AdsbFlags, COLLISION_DATA,
     MavCollisionAction, MavCollisionSrc, MavCollisionThreatLevel,
 };
-use crate::tracking::traffic::{Level, Traffic};
+use crate::tracking::traffic::{AlertLevel, Traffic};
 use core::fmt::Write;
 use fixed::types::I16F16;
 use mavlink_core::types::CharArray;
@@ -213,11 +213,11 @@ pub fn collision(traffic: &Traffic, identity: &Identity) -> Option<COLLISION_DAT
         src: MavCollisionSrc::MAV_COLLISION_SRC_ADSB,
         action: MavCollisionAction::MAV_COLLISION_ACTION_NONE,
         threat_level: match traffic.level {
-            Level::None | Level::Traffic => {
+            AlertLevel::None | AlertLevel::Traffic => {
                 MavCollisionThreatLevel::MAV_COLLISION_THREAT_LEVEL_NONE
             }
-            Level::Caution => MavCollisionThreatLevel::MAV_COLLISION_THREAT_LEVEL_LOW,
-            Level::Warning => MavCollisionThreatLevel::MAV_COLLISION_THREAT_LEVEL_HIGH,
+            AlertLevel::Caution => MavCollisionThreatLevel::MAV_COLLISION_THREAT_LEVEL_LOW,
+            AlertLevel::Warning => MavCollisionThreatLevel::MAV_COLLISION_THREAT_LEVEL_HIGH,
         },
     })
 }
@@ -329,7 +329,7 @@ mod tests {
     #[test]
     fn collision_tells_the_closest_approach() {
         let near = Traffic {
-            level: Level::Warning,
+            level: AlertLevel::Warning,
             time_to_contact: Some(Estimate { value: I16F16::from_num(10), sigma: I16F16::ONE }),
             ..traffic(2)
         };

@@ -103,7 +103,7 @@ impl Default for Health {
 pub(crate) mod tests {
     use super::*;
     use crate::image::Rect;
-    use crate::tracking::traffic::{Direction, Estimate, Level, Traffic};
+    use crate::tracking::traffic::{AlertLevel, Direction, Estimate, Traffic};
     use fixed::types::{I2F30, I16F16, I28F4};
     use proptest::prelude::*;
 
@@ -134,7 +134,7 @@ pub(crate) mod tests {
             score: 1 << 17,
             confirmed: true,
             coasting: false,
-            level: Level::Traffic,
+            level: AlertLevel::Traffic,
             body: direction(45.0, 0.0),
             ned: Some(direction(45.0, 0.0)),
             direction_sigma: I16F16::from_num(0.002),
@@ -185,7 +185,8 @@ pub(crate) mod tests {
         (numbers, places, motion).prop_map(|(numbers, (body, ned, rate), motion)| {
             let (id, time_us, [x, y, width, height], score, confirmed, coasting, level) = numbers;
             let (range, velocity, time_to_contact, closest) = motion;
-            let levels = [Level::None, Level::Traffic, Level::Caution, Level::Warning];
+            let levels =
+                [AlertLevel::None, AlertLevel::Traffic, AlertLevel::Caution, AlertLevel::Warning];
             let level = levels[usize::from(level % 4)];
             let velocity = velocity.map(|v| v.map(I16F16::from_bits));
             let rect = rect([x, y, width, height]);

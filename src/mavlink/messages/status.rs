@@ -32,7 +32,7 @@ pub const SLOW_BIT: u32 = 32;
 
 /// State of the lookout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum State {
+pub enum LookoutState {
     /// No frame was finished yet.
     #[default]
     Starting,
@@ -48,7 +48,7 @@ pub enum State {
     NoAutopilot,
 }
 
-impl State {
+impl LookoutState {
     /// As system_status of HEARTBEAT: BOOT, ACTIVE, CRITICAL. ACTIVE only while frames are really finished and something
     /// could be seen in them.
     pub fn status(self) -> MavState {
@@ -64,11 +64,11 @@ impl State {
 
 /// HEARTBEAT (0) of the lookout; custom_mode holds the bits of [`Blind`], [`NO_AUTOPILOT_BIT`] and
 /// [`SLOW_BIT`].
-pub fn heartbeat(state: State, kind: HeartbeatType) -> HEARTBEAT_DATA {
+pub fn heartbeat(state: LookoutState, kind: HeartbeatType) -> HEARTBEAT_DATA {
     let custom_mode = match state {
-        State::Blind(reasons) => reasons.bits().into(),
-        State::NoAutopilot => NO_AUTOPILOT_BIT,
-        State::Slow => SLOW_BIT,
+        LookoutState::Blind(reasons) => reasons.bits().into(),
+        LookoutState::NoAutopilot => NO_AUTOPILOT_BIT,
+        LookoutState::Slow => SLOW_BIT,
         _ => 0,
     };
     HEARTBEAT_DATA {
@@ -86,7 +86,7 @@ pub fn heartbeat(state: State, kind: HeartbeatType) -> HEARTBEAT_DATA {
 }
 
 /// HEARTBEAT (0) of the camera component.
-pub fn camera_heartbeat(state: State) -> HEARTBEAT_DATA {
+pub fn camera_heartbeat(state: LookoutState) -> HEARTBEAT_DATA {
     let heartbeat = heartbeat(state, HeartbeatType::default());
     HEARTBEAT_DATA { mavtype: MavType::MAV_TYPE_CAMERA, ..heartbeat }
 }
@@ -256,24 +256,25 @@ mod tests {
     #[test]
     fn active_only_while_it_sees() {
         let heartbeat = |state| super::heartbeat(state, HeartbeatType::default());
-        let data = heartbeat(State::Watching);
+        let data = heartbeat(LookoutState::Watching);
         assert_eq!((data.mavtype as u8, data.autopilot as u8, data.base_mode.bits()), (18, 8, 0));
         assert_eq!(data.system_status as u8, 4);
         let others = [
-            State::Starting,
-            State::Stalled,
-            State::Slow,
-            State::NoAutopilot,
-            State::Blind(Blind::DARK),
+            LookoutState::Starting,
+            LookoutState::Stalled,
+            LookoutState::Slow,
+            LookoutState::NoAutopilot,
+            LookoutState::Blind(Blind::DARK),
         ];
         for state in others {
             assert_ne!(heartbeat(state).system_status as u8, 4);
         }
-        assert_eq!(heartbeat(State::Blind(Blind::DARK.and(Blind::BLUR))).custom_mode, 5);
-        assert_eq!(heartbeat(State::NoAutopilot).custom_mode, 16);
-        assert_eq!(camera_heartbeat(State::Watching).mavtype as u8, 30);
+        assert_eq!(heartbeat(LookoutState::Blind(Blind::DARK.and(Blind::BLUR))).custom_mode, 5);
+        assert_eq!(heartbeat(LookoutState::NoAutopilot).custom_mode, 16);
+        assert_eq!(camera_heartbeat(LookoutState::Watching).mavtype as u8, 30);
         let kinds = [HeartbeatType::Adsb, HeartbeatType::Flarm];
-        let numbers = kinds.map(|kind| super::heartbeat(State::Watching, kind).mavtype as u8);
+        let numbers =
+            kinds.map(|kind| super::heartbeat(LookoutState::Watching, kind).mavtype as u8);
         assert_eq!(numbers, [27, 32]);
     }
 

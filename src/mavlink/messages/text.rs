@@ -4,11 +4,11 @@
 //! Every text costs attention, so an aircraft gets a new one only when it has become more urgent.
 
 use super::adsb::Callsign;
-use super::status::State;
+use super::status::LookoutState;
 use super::{Blind, angle};
 use crate::mavlink::dialect::{MavSeverity, STATUSTEXT_DATA};
-use crate::mavlink::placing::{Cause, News};
-use crate::tracking::traffic::{Level, Traffic};
+use crate::mavlink::placing::{News, UnplacedCause};
+use crate::tracking::traffic::{AlertLevel, Traffic};
 use core::fmt::Write;
 use mavlink_core::types::CharArray;
 
@@ -18,32 +18,32 @@ pub const LENGTH: usize = 50;
 /// Sine of 10 degrees in Q30: higher or lower than this is said in words.
 const SLANTED: i32 = 186_453_324;
 
-/// Texts of level [`Level::Traffic`] are at least this far apart, in microseconds; the urgent ones never wait.
+/// Texts of level [`AlertLevel::Traffic`] are at least this far apart, in microseconds; the urgent ones never wait.
 const TRAFFIC_GAP_US: i64 = 1_000_000;
 
 fn text(severity: MavSeverity, words: &str) -> STATUSTEXT_DATA {
     STATUSTEXT_DATA { severity, text: CharArray::from(words), id: 0, chunk_seq: 0 }
 }
 
-/// The text about an object of this name; `None` below [`Level::Traffic`]. Its direction is left out unless it is `pointed`
+/// The text about an object of this name; `None` below [`AlertLevel::Traffic`]. Its direction is left out unless it is `pointed`
 /// ([`Health::pointed`](super::Health::pointed)).
 pub fn about(traffic: &Traffic, callsign: Callsign, pointed: bool) -> Option<STATUSTEXT_DATA> {
     let (severity, word) = match traffic.level {
-        Level::None => return None,
-        Level::Traffic => (MavSeverity::MAV_SEVERITY_INFO, "Traffic"),
-        Level::Caution => (MavSeverity::MAV_SEVERITY_WARNING, "Caution"),
+        AlertLevel::None => return None,
+        AlertLevel::Traffic => (MavSeverity::MAV_SEVERITY_INFO, "Traffic"),
+        AlertLevel::Caution => (MavSeverity::MAV_SEVERITY_WARNING, "Caution"),
         // Ground stations show this one in red and raise it before the pilot.
-        Level::Warning => (MavSeverity::MAV_SEVERITY_CRITICAL, "WARNING"),
+        AlertLevel::Warning => (MavSeverity::MAV_SEVERITY_CRITICAL, "WARNING"),
     };
     let mut words = heapless::String::<LENGTH>::new();
-    let _ = write!(words, "{word} {callsign}: {}", Place(traffic, pointed));
+    let _ = write!(words, "{word} {callsign}: {}", ObjectPosition(traffic, pointed));
     Some(text(severity, &words))
 }
 
 /// Where an object is and how soon it is here.
-struct Place<'a>(&'a Traffic, bool);
+struct ObjectPosition<'a>(&'a Traffic, bool);
 
-impl core::fmt::Display for Place<'_> {
+impl core::fmt::Display for ObjectPosition<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let Self(traffic, pointed) = self;
         if *pointed {
@@ -74,7 +74,8 @@ impl core::fmt::Display for Place<'_> {
                 _ => write!(f, ", {} km", metres / 1000)?,
             }
         }
-        if let Some(time) = traffic.time_to_contact.filter(|_| traffic.level >= Level::Caution) {
+        if let Some(time) = traffic.time_to_contact.filter(|_| traffic.level >= AlertLevel::Caution)
+        {
             write!(f, ", in {} s", time.value.to_num::<i32>().clamp(0, 99))?;
         }
         Ok(())
@@ -82,14 +83,14 @@ impl core::fmt::Display for Place<'_> {
 }
 
 /// The text that the lookout sees nothing, or sees again.
-pub fn sight(state: State) -> STATUSTEXT_DATA {
+pub fn sight(state: LookoutState) -> STATUSTEXT_DATA {
     let blind = match state {
-        State::Blind(reasons) => reasons,
+        LookoutState::Blind(reasons) => reasons,
         _ => Blind::NO,
     };
-    let (severity, words) = if state == State::Stalled {
+    let (severity, words) = if state == LookoutState::Stalled {
         (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: no pictures, traffic is not watched")
-    } else if state == State::Slow {
+    } else if state == LookoutState::Slow {
         (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: too slow, traffic is not watched")
     } else if blind.has(Blind::COVERED) {
         (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: picture frozen, traffic is not watched")
@@ -177,11 +178,13 @@ impl Notice {
             }
             Self::Map(News::Lost(cause)) => {
                 let words = match cause {
-                    Cause::NoAutopilot => "Lookout: no autopilot, no traffic on the map",
-                    Cause::NoAttitude => "Lookout: no attitude, no traffic on the map",
-                    Cause::RareAttitude => "Lookout: attitude too rare, traffic off the map",
-                    Cause::Gimbal => "Lookout: gimbal silent, no traffic on the map",
-                    Cause::NoPosition => "Lookout: no position, no traffic on the map",
+                    UnplacedCause::NoAutopilot => "Lookout: no autopilot, no traffic on the map",
+                    UnplacedCause::NoAttitude => "Lookout: no attitude, no traffic on the map",
+                    UnplacedCause::RareAttitude => {
+                        "Lookout: attitude too rare, traffic off the map"
+                    }
+                    UnplacedCause::Gimbal => "Lookout: gimbal silent, no traffic on the map",
+                    UnplacedCause::NoPosition => "Lookout: no position, no traffic on the map",
                 };
                 (MavSeverity::MAV_SEVERITY_WARNING, words)
             }
@@ -196,7 +199,7 @@ impl Notice {
 #[derive(Debug, Clone, Copy)]
 struct Reported {
     track: u16,
-    level: Level,
+    level: AlertLevel,
     time_us: i64,
 }
 
@@ -237,7 +240,7 @@ impl Alerts {
                 return None;
             }
         }
-        if traffic.level == Level::Traffic {
+        if traffic.level == AlertLevel::Traffic {
             if self.traffic_us.is_some_and(|last| now_us.saturating_sub(last) < TRAFFIC_GAP_US) {
                 return None;
             }
@@ -295,7 +298,7 @@ mod tests {
         };
         assert_eq!(words(&far), "Traffic VIS0012: 2 o'clock high, 1.2 km");
         let near = Traffic {
-            level: Level::Warning,
+            level: AlertLevel::Warning,
             range: Some(metres(236)),
             time_to_contact: seconds(8),
             body: direction(-58.0, 0.0),
@@ -307,7 +310,7 @@ mod tests {
         let unknown = about(&near, name(&near), false).unwrap();
         assert_eq!(unknown.text.to_str(), Ok("WARNING VIS0003: where unknown, 240 m, in 8 s"));
         let ahead = Traffic {
-            level: Level::Caution,
+            level: AlertLevel::Caution,
             range: None,
             body: direction(10.0, 0.0),
             ned: None,
@@ -316,7 +319,7 @@ mod tests {
         assert_eq!(words(&ahead), "Caution VIS0003: 12 o'clock level, in 8 s");
         let longest = Traffic {
             id: 9999,
-            level: Level::Warning,
+            level: AlertLevel::Warning,
             range: Some(metres(32_767)),
             time_to_contact: seconds(5000),
             ned: None,
@@ -331,13 +334,13 @@ mod tests {
         let mut alerts = Alerts::default();
         let mut reported = std::vec::Vec::new();
         let levels = [
-            Level::None,
-            Level::Traffic,
-            Level::Caution,
-            Level::Traffic,
-            Level::Caution,
-            Level::Warning,
-            Level::Caution,
+            AlertLevel::None,
+            AlertLevel::Traffic,
+            AlertLevel::Caution,
+            AlertLevel::Traffic,
+            AlertLevel::Caution,
+            AlertLevel::Warning,
+            AlertLevel::Caution,
         ];
         for (second, level) in levels.into_iter().enumerate() {
             let now = second as i64 * 1_000_000;
@@ -345,10 +348,10 @@ mod tests {
                 reported.push(level);
             }
         }
-        assert_eq!(reported, [Level::Traffic, Level::Caution, Level::Warning]);
+        assert_eq!(reported, [AlertLevel::Traffic, AlertLevel::Caution, AlertLevel::Warning]);
         // Calm for a minute, then dangerous again: that is news.
         assert!(!due(&mut alerts, &traffic(1), 66_000_000));
-        let again = Traffic { level: Level::Warning, ..traffic(1) };
+        let again = Traffic { level: AlertLevel::Warning, ..traffic(1) };
         assert!(due(&mut alerts, &again, 67_000_000));
         assert!(!due(&mut alerts, &Traffic { confirmed: false, ..traffic(2) }, 0));
     }
@@ -359,9 +362,9 @@ mod tests {
         let count = |alerts: &mut Alerts, level, now| {
             (0..16).filter(|&id| due(alerts, &Traffic { level, ..traffic(id) }, now)).count()
         };
-        assert_eq!(count(&mut alerts, Level::Traffic, 0), 1);
-        assert_eq!(count(&mut alerts, Level::Traffic, 1_000_000), 1);
-        assert_eq!(count(&mut alerts, Level::Warning, 1_100_000), 16);
+        assert_eq!(count(&mut alerts, AlertLevel::Traffic, 0), 1);
+        assert_eq!(count(&mut alerts, AlertLevel::Traffic, 1_000_000), 1);
+        assert_eq!(count(&mut alerts, AlertLevel::Warning, 1_100_000), 16);
     }
 
     #[test]
@@ -379,7 +382,7 @@ mod tests {
 
     #[test]
     fn news_of_the_map_fit() {
-        for cause in Cause::ALL {
+        for cause in UnplacedCause::ALL {
             let data = Notice::Map(News::Lost(cause)).data();
             let words = data.text.to_str().unwrap();
             // One that was cut would end within a word.

@@ -7,9 +7,9 @@ mod noise;
 mod row;
 
 use crate::channels::window::PADDING;
-use crate::channels::{CELL_CHANNELS, DIFFERENCES, Newest};
+use crate::channels::{CELL_CHANNELS, DIFFERENCES, NewestChannels};
 use crate::math::slices;
-use row::{AVERAGED, Loud, NEAR, NOTHING, REACH, Row, loud, map_row, sum_across, sums_len};
+use row::{AVERAGED, CellRows, Loud, NEAR, NOTHING, REACH, loud, map_row, sum_across, sums_len};
 
 pub use noise::{noise, noise_words};
 
@@ -43,7 +43,7 @@ pub const fn strip_words(columns: usize) -> usize {
 /// Rows of a map from row `top` on, counted from the first row of padding. A row is [`MAP_CHANNELS`] planes, a byte for
 /// each cell.
 #[derive(Debug, Clone, Copy)]
-pub struct Strip<'a> {
+pub struct MapStrip<'a> {
     /// Number of the first row.
     pub top: usize,
     /// The rows, values less 128, each [`PADDING`] cells wider than the level on either side.
@@ -59,18 +59,18 @@ pub struct Strip<'a> {
 ///
 /// Panics if there are fewer than [`strip_bytes`] bytes or [`strip_words`] words, or not more rows than shared ones.
 pub fn strips(
-    newest: &Newest<'_>,
+    newest: &NewestChannels<'_>,
     noise: &[u32; DIFFERENCES],
     (rows, shared): (usize, usize),
     bytes: &mut [u8],
     words: &mut [u16],
-    mut each: impl FnMut(Strip<'_>),
+    mut each: impl FnMut(MapStrip<'_>),
 ) {
     let columns = newest.slice.cells().0;
     let width = columns + 2 * PADDING;
     let stride = width * MAP_CHANNELS;
     let (strip, ring) = slices::split_mut(bytes, stride * rows);
-    let mut around = Around::new(newest, ring, words);
+    let mut around = LocalSums::new(newest, ring, words);
     // Q16 reciprocals of the noise (Q4 quarters) with a floor of half a grey level: at most 2048.
     let loud = noise.map(|n| loud(65536 / n.saturating_add(32)));
     let height = around.rows + 2 * PADDING;
@@ -94,7 +94,7 @@ pub fn strips(
         }
         filled += 1;
         if filled == rows || number + 1 == height {
-            each(Strip { top: number + 1 - filled, bytes: &strip[..filled * stride] });
+            each(MapStrip { top: number + 1 - filled, bytes: &strip[..filled * stride] });
             strip.copy_within((filled - shared.min(filled)) * stride..filled * stride, 0);
             filled = shared;
         }
@@ -102,8 +102,8 @@ pub fn strips(
 }
 
 /// The cells around a row of cells.
-struct Around<'a> {
-    newest: &'a Newest<'a>,
+struct LocalSums<'a> {
+    newest: &'a NewestChannels<'a>,
     columns: usize,
     rows: usize,
     /// The last [`NEAR`] rows of cells, row y in place y modulo their number: [`CELL_CHANNELS`] planes each.
@@ -115,8 +115,8 @@ struct Around<'a> {
     taken: usize,
 }
 
-impl<'a> Around<'a> {
-    fn new(newest: &'a Newest<'a>, ring: &'a mut [u8], words: &'a mut [u16]) -> Self {
+impl<'a> LocalSums<'a> {
+    fn new(newest: &'a NewestChannels<'a>, ring: &'a mut [u8], words: &'a mut [u16]) -> Self {
         let (columns, rows) = newest.slice.cells();
         let ring = slices::part_mut(ring, 0, columns * NEAR * CELL_CHANNELS);
         let (sums, rest) = slices::split_mut(words, AVERAGED.len() * sums_len(columns));
@@ -155,7 +155,14 @@ impl<'a> Around<'a> {
         );
         sum_across(*columns, sums, around, [pairs, fours]);
         map_row(
-            Row { cells, around, columns: *columns, down, oriented: self.newest.oriented, loud },
+            CellRows {
+                cells,
+                around,
+                columns: *columns,
+                down,
+                oriented: self.newest.oriented,
+                loud,
+            },
             rest,
             out,
         );

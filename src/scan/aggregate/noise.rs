@@ -1,6 +1,6 @@
 //! Noise of a frame's differences.
 
-use crate::channels::{DIFFERENCES, Newest, RUN};
+use crate::channels::{DIFFERENCES, NewestChannels, RUN};
 use crate::math::slices;
 use core::array::from_fn;
 
@@ -16,7 +16,7 @@ pub const fn noise_words(columns: usize, rows: usize) -> usize {
 /// channels, so that wind in the trees or a badly measured camera motion do not look like targets everywhere.
 /// Panics if there are fewer than [`noise_words`] words.
 #[inline(never)]
-pub fn noise(newest: &Newest<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
+pub fn noise(newest: &NewestChannels<'_>, words: &mut [u16]) -> [u32; DIFFERENCES] {
     // Means of blocks; the mean of those below twice the mean of all is robust against targets.
     let (columns, rows) = newest.slice.cells();
     let (across, down) = (columns / BLOCK, rows / BLOCK);

@@ -125,7 +125,7 @@ pub(super) fn sum_along(sums: &[u16], out: &mut [u16]) {
 
 /// What a row of the map is computed from.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Row<'a> {
+pub(super) struct CellRows<'a> {
     /// Planes of cells.
     pub(super) cells: &'a [u8],
     /// Planes of sums over the square around each cell.
@@ -137,7 +137,7 @@ pub(super) struct Row<'a> {
     pub(super) loud: &'a [Loud; DIFFERENCES],
 }
 
-impl<'a> Row<'a> {
+impl<'a> CellRows<'a> {
     fn cells(&self, channel: usize) -> &'a [u8] {
         slices::part(self.cells, channel * self.columns, self.columns)
     }
@@ -154,7 +154,7 @@ fn high(a: u16, b: u16) -> u16 {
 }
 
 #[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
-pub(super) fn map_row(row: Row<'_>, temporaries: &mut [u16], out: &mut [u8]) {
+pub(super) fn map_row(row: CellRows<'_>, temporaries: &mut [u16], out: &mut [u8]) {
     let columns = row.columns;
     let mut planes = slices::rows_mut(out, columns + 2 * PADDING)
         .map(|plane| slices::part_mut(plane, PADDING, columns));
@@ -220,7 +220,12 @@ fn look_up<T: Copy, U>(values: &[T], table: impl Fn(T) -> U, out: &mut [U]) {
 
 /// Intensity against the mean around: relative to the magnitude around, and in half grey levels.
 #[inline(always)]
-fn intensity(row: &Row<'_>, energy: &[u16], means: &mut [u16], [relative, half]: [&mut [u8]; 2]) {
+fn intensity(
+    row: &CellRows<'_>,
+    energy: &[u16],
+    means: &mut [u16],
+    [relative, half]: [&mut [u8]; 2],
+) {
     let columns = row.columns;
     let (grey, around) = (row.cells(GREY), row.around(1));
     // Q18 reciprocal of the cells of the square that lie in the picture: they change near edges only.

@@ -2,7 +2,7 @@
 
 use super::row::sum_along;
 use super::*;
-use crate::channels::tests::{Level, cells, level};
+use crate::channels::tests::{LevelPictures, cells, level};
 use crate::channels::{GREY, MAGNITUDE};
 use core::array::from_fn;
 use proptest::prelude::*;
@@ -10,7 +10,11 @@ use std::vec;
 use std::vec::Vec;
 
 /// The whole map of a level, computed in strips of so many rows.
-fn whole(newest: &Newest<'_>, noise: [u32; 3], rows: (usize, usize)) -> Vec<[u8; MAP_CHANNELS]> {
+fn whole(
+    newest: &NewestChannels<'_>,
+    noise: [u32; 3],
+    rows: (usize, usize),
+) -> Vec<[u8; MAP_CHANNELS]> {
     let columns = newest.slice.cells().0;
     let mut bytes = vec![0xa5; strip_bytes(columns, rows.0)];
     let mut words = vec![0xa5a5; strip_words(columns)];
@@ -34,7 +38,7 @@ fn whole(newest: &Newest<'_>, noise: [u32; 3], rows: (usize, usize)) -> Vec<[u8;
 #[test]
 fn a_dot_stands_out_and_padding_is_neutral() {
     let (width, height) = (64usize, 48usize);
-    let mut level = Level::new(width, height, false, |_, _| [100, 0, 0, 0]);
+    let mut level = LevelPictures::new(width, height, false, |_, _| [100, 0, 0, 0]);
     for (x, y) in (20..24).flat_map(|y| (30..34).map(move |x| (x, y))) {
         level.set(x, y, [40, 0, 80, 80]);
     }
@@ -101,7 +105,7 @@ proptest! {
         level in level(), noise in prop::array::uniform3(prop_oneof![0..80u32, 0..4100u32]),
         extra in 0..9usize, oriented: bool,
     ) {
-        let newest = Newest { oriented, ..level.newest() };
+        let newest = NewestChannels { oriented, ..level.newest() };
         let (columns, rows) = newest.slice.cells();
         // Strips of any height give the same map.
         let out = whole(&newest, noise, (10 + extra, 9));

@@ -1,6 +1,6 @@
 //! The figures of a run of `lookout bench`, printed and compared.
 
-use crate::detector::Stage;
+use crate::detector::DetectorStage;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -31,7 +31,7 @@ impl Times {
 
 /// Figures of a run. Times are over the frames of all passes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Figures {
+pub struct BenchFigures {
     /// One over the median time of a frame.
     pub frames_per_second: f64,
     /// Times of a frame.
@@ -70,7 +70,7 @@ pub struct Figures {
     pub version: String,
 }
 
-impl Figures {
+impl BenchFigures {
     /// To print beside those of another run.
     pub fn compared<'a>(&'a self, other: &'a Self) -> Comparison<'a> {
         Comparison { this: self, other }
@@ -78,10 +78,10 @@ impl Figures {
 
     /// Times that are printed: name, median, 95th percentile.
     fn times(&self) -> impl Iterator<Item = (&'static str, Times)> {
-        let of = |times: &BTreeMap<String, f64>, stage: Stage| {
+        let of = |times: &BTreeMap<String, f64>, stage: DetectorStage| {
             times.get(stage.name()).copied().unwrap_or_default()
         };
-        let stages = Stage::ALL.map(|stage| {
+        let stages = DetectorStage::ALL.map(|stage| {
             let (median, p95) = (of(&self.stages_ms, stage), of(&self.stages_p95_ms, stage));
             (stage.name(), Times { median, p95 })
         });
@@ -89,7 +89,7 @@ impl Figures {
     }
 }
 
-impl fmt::Display for Figures {
+impl fmt::Display for BenchFigures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { width, height, frames, passes, threads, .. } = self;
         writeln!(f, "{width}x{height}, {frames} frames, {passes} passes, threads: {threads}")?;
@@ -115,15 +115,15 @@ impl fmt::Display for Figures {
 /// Figures of two runs.
 #[derive(Debug, Clone, Copy)]
 pub struct Comparison<'a> {
-    this: &'a Figures,
-    other: &'a Figures,
+    this: &'a BenchFigures,
+    other: &'a BenchFigures,
 }
 
 impl fmt::Display for Comparison<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { this, other } = self;
         for (name, run) in [("this", this), ("other", other)] {
-            let Figures { width, height, frames, threads, .. } = run;
+            let BenchFigures { width, height, frames, threads, .. } = run;
             let machine = (&run.processor, &run.instruction_set, &run.version);
             writeln!(
                 f,
@@ -131,7 +131,7 @@ impl fmt::Display for Comparison<'_> {
                 machine.0, machine.1, machine.2
             )?;
         }
-        let work = |run: &Figures| (run.width, run.height, run.frames);
+        let work = |run: &BenchFigures| (run.width, run.height, run.frames);
         if work(this) != work(other) {
             writeln!(f, "not of the same frames: times are of different work")?;
         }
@@ -144,7 +144,7 @@ impl fmt::Display for Comparison<'_> {
             row(name, "ms", a.median, b.median)?;
             row(name, "ms, 95 %", a.p95, b.p95)?;
         }
-        let megabytes = |run: &Figures| run.buffer_bytes as f64 / 1e6;
+        let megabytes = |run: &BenchFigures| run.buffer_bytes as f64 / 1e6;
         row("memory", "MB", megabytes(this), megabytes(other))?;
         row("windows", "a frame", this.windows_per_frame, other.windows_per_frame)?;
         row("trees", "a window", this.trees_per_window, other.trees_per_window)?;
@@ -169,9 +169,9 @@ mod tests {
         assert_eq!(Times::of_seconds(&mut hundred), Times { median: 50.5, p95: 95.0 });
     }
 
-    fn figures(frame: f64) -> Figures {
-        let times = |by: f64| Stage::ALL.map(|stage| (stage.name().to_string(), by)).into();
-        Figures {
+    fn figures(frame: f64) -> BenchFigures {
+        let times = |by: f64| DetectorStage::ALL.map(|stage| (stage.name().to_string(), by)).into();
+        BenchFigures {
             frames_per_second: 1e3 / frame,
             frame_ms: Times { median: frame, p95: 2.0 * frame },
             stages_ms: times(frame / 5.0),
@@ -197,7 +197,7 @@ mod tests {
     fn figures_survive_json_and_compare() {
         let (fast, slow) = (figures(10.0), figures(30.0));
         let text = serde_json::to_string(&slow).unwrap();
-        assert_eq!(serde_json::from_str::<Figures>(&text).unwrap(), slow);
+        assert_eq!(serde_json::from_str::<BenchFigures>(&text).unwrap(), slow);
         let text = fast.compared(&slow).to_string();
         assert!(text.ends_with("frames a second: 3.00 times the other's"), "{text}");
         assert!(
@@ -207,7 +207,7 @@ mod tests {
             "{text}"
         );
         assert!(!text.contains("different work"));
-        let other = Figures { width: 320, ..slow };
+        let other = BenchFigures { width: 320, ..slow };
         assert!(fast.compared(&other).to_string().contains("different work"));
         assert!(fast.to_string().contains("trees a window 17.50"));
     }

@@ -9,12 +9,12 @@ use super::pipeline::{self, DetectorArgs, MaskFile, Memory, ModelFile};
 use super::replay::flight::FlightArgs;
 use super::sources::Frame;
 use super::support::interrupt::Ended;
-use crate::detector::{Config, Detections, Detector, SLICES, Stage};
+use crate::detector::{Config, Detections, Detector, DetectorStage, SLICES};
 use crate::model::Model;
 use crate::scan::{self, Scratch};
 use crate::shell::pipeline::PipelineError;
 use crate::shell::support::print::print_line;
-pub use figures::{Figures, Times};
+pub use figures::{BenchFigures, Times};
 use std::format;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -76,7 +76,7 @@ pub fn run(args: &BenchArgs) -> Result<Ended, Error> {
 }
 
 /// Figures of another run.
-fn read(path: &Path) -> Result<Figures, Error> {
+fn read(path: &Path) -> Result<BenchFigures, Error> {
     let text = fs::read_to_string(path).map_err(Error::read(path))?;
     serde_json::from_str(&text)
         .map_err(|source| Error::verb(NotFigures { path: path.to_path_buf(), source }))
@@ -90,7 +90,7 @@ struct NotFigures {
     source: serde_json::Error,
 }
 
-fn measure(args: &BenchArgs, model: &Model<'_>) -> Result<Figures, Error> {
+fn measure(args: &BenchArgs, model: &Model<'_>) -> Result<BenchFigures, Error> {
     let input = args.flight.name(args.input());
     let frames = decode(args)?;
     let Some(Frame { width, height, .. }) = frames.first() else {
@@ -100,7 +100,7 @@ fn measure(args: &BenchArgs, model: &Model<'_>) -> Result<Figures, Error> {
     let mask = args.detector.mask.as_deref().map(MaskFile::load).transpose()?;
     let mask = mask.as_ref().map(|mask| mask.for_frames(*width, *height)).transpose()?;
     let mut memory = Memory::new(&config);
-    let mut clock = Clock::default();
+    let mut clock = StageTimes::default();
     for pass in 0..args.passes {
         let refused = |frame| {
             let input = input.clone();
@@ -165,16 +165,16 @@ fn trees_per_window(
 
 /// Times of frames and stages in seconds, counts of the first pass.
 #[derive(Debug, Default)]
-struct Clock {
+struct StageTimes {
     frames: Vec<f64>,
-    stages: [Vec<f64>; Stage::ALL.len()],
+    stages: [Vec<f64>; DetectorStage::ALL.len()],
     windows: u64,
     kept: u64,
     found: u64,
     dropped: u64,
 }
 
-impl Clock {
+impl StageTimes {
     fn time(
         &mut self,
         detector: &mut Detector<'_, '_>,
@@ -184,7 +184,7 @@ impl Clock {
     ) -> Result<(), crate::detector::Error> {
         let start = Instant::now();
         let mut last = start;
-        let mut stages = [0.0; Stage::ALL.len()];
+        let mut stages = [0.0; DetectorStage::ALL.len()];
         let mut found = Detections::default();
         detector.process_observed(frame.view(), frame.time_us, &mut found, &mut |stage| {
             let now = Instant::now();
@@ -217,14 +217,14 @@ impl Clock {
         buffers: usize,
         frames: usize,
         trees_per_window: f64,
-    ) -> Figures {
+    ) -> BenchFigures {
         let a_frame = |count: u64| count as f64 / frames as f64;
         let frame_ms = Times::of_seconds(&mut self.frames);
-        let stage = |stage: Stage| {
+        let stage = |stage: DetectorStage| {
             (stage.name().to_string(), Times::of_seconds(&mut self.stages[stage as usize]))
         };
-        let stages: Vec<_> = Stage::ALL.map(stage).into();
-        Figures {
+        let stages: Vec<_> = DetectorStage::ALL.map(stage).into();
+        BenchFigures {
             frames_per_second: 1e3 / frame_ms.median.max(1e-6),
             frame_ms,
             stages_ms: stages.iter().map(|(name, times)| (name.clone(), times.median)).collect(),
@@ -253,7 +253,7 @@ mod tests {
 
     #[test]
     fn stages_index_their_own_row() {
-        for (index, stage) in Stage::ALL.into_iter().enumerate() {
+        for (index, stage) in DetectorStage::ALL.into_iter().enumerate() {
             assert_eq!(stage as usize, index);
         }
     }

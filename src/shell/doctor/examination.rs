@@ -5,8 +5,8 @@ use super::finding::{good, note};
 use super::gimbal::Gimbals;
 use super::parameters::{self, Check, Purpose};
 use super::probe::Probe;
-use super::request::{Request, command_long};
-use super::timing::{Rate, Sync};
+use super::request::{RepeatedRequest, command_long};
+use super::timing::{MessageRate, Sync};
 use crate::mavlink::component::is_vehicle;
 use crate::mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag,
@@ -48,19 +48,19 @@ const HIGHRES_IMU: u32 = 105;
 struct Asked {
     check: &'static Check,
     name: &'static str,
-    request: Request,
+    request: RepeatedRequest,
     answer: Option<f64>,
 }
 
 /// The autopilot that was heard first.
 #[derive(Debug)]
-struct Autopilot {
+struct HeardAutopilot {
     system: u8,
     component: u8,
     heartbeat: HEARTBEAT_DATA,
     version: Option<AUTOPILOT_VERSION_DATA>,
-    version_request: Request,
-    streams: [Request; STREAMS.len()],
+    version_request: RepeatedRequest,
+    streams: [RepeatedRequest; STREAMS.len()],
     asked: Vec<Asked>,
 }
 
@@ -72,12 +72,12 @@ pub struct Examination {
     next_beat_us: i64,
     frames: u64,
     others: BTreeMap<(u32, u8), MavType>,
-    rates: BTreeMap<u32, Rate>,
+    rates: BTreeMap<u32, MessageRate>,
     sync: Sync,
     /// Whether SYSTEM_TIME held the time of day.
     clock: bool,
     gimbals: Gimbals,
-    autopilot: Option<Autopilot>,
+    autopilot: Option<HeardAutopilot>,
 }
 
 impl Examination {
@@ -158,17 +158,17 @@ impl Examination {
                     names.map(move |name| Asked {
                         check,
                         name,
-                        request: Request::default(),
+                        request: RepeatedRequest::default(),
                         answer: None,
                     })
                 };
                 let checks = parameters::checks(data.autopilot);
-                self.autopilot = Some(Autopilot {
+                self.autopilot = Some(HeardAutopilot {
                     system,
                     component: from.1,
                     heartbeat: data,
                     version: None,
-                    version_request: Request::default(),
+                    version_request: RepeatedRequest::default(),
                     streams: Default::default(),
                     asked: checks.iter().flat_map(asked).collect(),
                 });
@@ -193,7 +193,7 @@ impl Examination {
             return Some(command_long((system, component), command, [message, 0.0]));
         }
         for (&(message, interval_us, _), request) in STREAMS.iter().zip(&mut autopilot.streams) {
-            let rate = self.rates.get(&message).map_or(0.0, Rate::hertz);
+            let rate = self.rates.get(&message).map_or(0.0, MessageRate::hertz);
             if rate * (interval_us as f64) < 0.8e6 && request.ask(now_us) {
                 let command = MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL;
                 let parameters = [message as f32, interval_us as f32];
@@ -274,7 +274,7 @@ impl Examination {
     }
 
     fn attitude(&self) -> Option<Finding> {
-        let rate = |message| self.rates.get(&message).map_or(0.0, Rate::hertz);
+        let rate = |message| self.rates.get(&message).map_or(0.0, MessageRate::hertz);
         let (quaternion, angles) = (rate(ATTITUDE_QUATERNION), rate(ATTITUDE));
         let best = f64::max(quaternion, angles);
         let name = if quaternion >= angles { "ATTITUDE_QUATERNION" } else { "ATTITUDE" };
@@ -308,7 +308,7 @@ impl Examination {
     }
 
     fn position(&self) -> Finding {
-        let rate = self.rates.get(&GLOBAL_POSITION_INT).map_or(0.0, Rate::hertz);
+        let rate = self.rates.get(&GLOBAL_POSITION_INT).map_or(0.0, MessageRate::hertz);
         if rate > 0.0 {
             good(format!("position: GLOBAL_POSITION_INT comes {rate:.0} times a second"))
         } else {
@@ -320,12 +320,12 @@ impl Examination {
     }
 }
 
-impl Autopilot {
+impl HeardAutopilot {
     fn is_armed(&self) -> bool {
         self.heartbeat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)
     }
 
-    fn in_words(&self, beats: Option<&Rate>) -> Finding {
+    fn in_words(&self, beats: Option<&MessageRate>) -> Finding {
         let kind = match self.heartbeat.autopilot {
             MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => "ArduPilot".into(),
             MavAutopilot::MAV_AUTOPILOT_PX4 => "PX4".into(),
@@ -337,7 +337,7 @@ impl Autopilot {
         );
         let vehicle = words(&format!("{:?}", self.heartbeat.mavtype), "MAV_TYPE_");
         let state = if self.is_armed() { "armed" } else { "not armed" };
-        let beats = beats.map_or(0.0, Rate::hertz);
+        let beats = beats.map_or(0.0, MessageRate::hertz);
         good(format!(
             "autopilot: {kind}{version}; {vehicle}, system {}, component {}, {state}, {beats:.1} heartbeats a second",
             self.system, self.component

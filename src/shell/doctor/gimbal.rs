@@ -1,8 +1,8 @@
 //! What gimbals say: how often, and from where their yaw counts.
 
 use super::finding::{Finding, Mark, good, note};
-use super::request::{Request, command_long};
-use super::timing::Rate;
+use super::request::{RepeatedRequest, command_long};
+use super::timing::MessageRate;
 use crate::mavlink::dialect::{GimbalDeviceFlags, MavCmd, MavMessage};
 use crate::mavlink::messages::Payload;
 use std::collections::BTreeMap;
@@ -23,9 +23,9 @@ const LEAST: f64 = 4.0;
 pub struct Gimbals {
     /// Whether the camera is on one.
     pub wanted: bool,
-    requests: [Request; 2],
+    requests: [RepeatedRequest; 2],
     /// By component.
-    heard: BTreeMap<u8, (Rate, bool)>,
+    heard: BTreeMap<u8, (MessageRate, bool)>,
     /// Horizontal field of view, degrees.
     view: Option<f32>,
 }

@@ -10,12 +10,12 @@ const TRIES: u32 = 4;
 
 /// A request that is made again until it is answered.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Request {
+pub struct RepeatedRequest {
     tries: u32,
     due_us: i64,
 }
 
-impl Request {
+impl RepeatedRequest {
     /// Whether to ask now.
     pub fn ask(&mut self, now_us: i64) -> bool {
         let ask = self.tries < TRIES && now_us >= self.due_us;

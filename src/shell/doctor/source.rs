@@ -2,8 +2,8 @@
 
 use super::{DoctorError, Finding, Mark};
 use crate::shell::error::Error;
-use crate::shell::live::config::Config;
-use crate::shell::live::image_health::Sight;
+use crate::shell::live::config::ServiceConfig;
+use crate::shell::live::image_health::ImageHealth;
 use crate::shell::live::source::{self, LiveError};
 use crate::shell::live::source_setting::SourceSetting;
 use crate::shell::sources::Frame;
@@ -48,7 +48,7 @@ pub struct SourceArgs {
 /// [`DoctorError::NoPicture`] with the reason, [`FileError::Write`], those of the settings.
 pub fn examine(args: &SourceArgs, seconds: u32) -> Result<usize, Error> {
     let config = match (&args.source, &args.config) {
-        (_, Some(path)) => Config::read(path)?,
+        (_, Some(path)) => ServiceConfig::read(path)?,
         (Some(source), None) => settings_of(source)?,
         (None, None) => return Ok(0),
     };
@@ -71,12 +71,12 @@ pub fn examine(args: &SourceArgs, seconds: u32) -> Result<usize, Error> {
 }
 
 /// A source without settings: the size is that of a network stream itself, and 640x480 of a camera.
-fn settings_of(source: &SourceSetting) -> Result<Config, Error> {
+fn settings_of(source: &SourceSetting) -> Result<ServiceConfig, Error> {
     let mut text = String::from("source = 'simulate:none'\nstream.latency_ms = 0\n");
     if matches!(source, SourceSetting::Address(_)) {
         text += "camera.width = 4096\ncamera.height = 4096\n";
     }
-    let mut config = Config::parse(Path::new("--source"), &text)?;
+    let mut config = ServiceConfig::parse(Path::new("--source"), &text)?;
     config.source = source.clone();
     Ok(config)
 }
@@ -92,12 +92,12 @@ struct Watched {
     blind: crate::mavlink::messages::Blind,
 }
 
-fn watch(config: &Config, span: Duration) -> Result<(Watched, Arc<Frame>), LiveError> {
+fn watch(config: &ServiceConfig, span: Duration) -> Result<(Watched, Arc<Frame>), LiveError> {
     // Nobody hears what a simulated vehicle says.
     let (heard, _) = crossbeam_channel::bounded(1);
     let mut live = source::open(config, &heard)?;
     let mut watched = Watched::default();
-    let mut sight = Sight::default();
+    let mut sight = ImageHealth::default();
     let mut newest: Option<Arc<Frame>> = None;
     let mut start = Instant::now();
     loop {
@@ -132,7 +132,7 @@ fn watch(config: &Config, span: Duration) -> Result<(Watched, Arc<Frame>), LiveE
 }
 
 impl Watched {
-    fn findings(&self, config: &Config, frame: &Frame) -> Vec<Finding> {
+    fn findings(&self, config: &ServiceConfig, frame: &Frame) -> Vec<Finding> {
         let mut findings = Vec::new();
         let mut add = |mark, text| findings.push(Finding { mark, text });
         let span_us: i64 = self.intervals.iter().sum();

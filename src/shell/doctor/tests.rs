@@ -9,7 +9,7 @@ use std::string::String;
 use std::vec;
 
 /// An autopilot that answers.
-struct Autopilot {
+struct FakeAutopilot {
     kind: MavAutopilot,
     armed: bool,
     /// As sent on the wire.
@@ -24,7 +24,7 @@ struct Autopilot {
 
 const INT: MavParamType = MavParamType::MAV_PARAM_TYPE_INT8;
 
-impl Autopilot {
+impl FakeAutopilot {
     fn ardupilot() -> Self {
         Self {
             kind: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
@@ -137,7 +137,11 @@ fn raw(system: u8, component: u8, message: &MavMessage) -> MAVLinkMessageRaw {
 }
 
 /// Six seconds with an autopilot that answers after 4 ms; what was found, marked as the command marks it.
-fn examine(autopilot: &mut Autopilot, purposes: &[Purpose], probe: bool) -> (Vec<Finding>, i64) {
+fn examine(
+    autopilot: &mut FakeAutopilot,
+    purposes: &[Purpose],
+    probe: bool,
+) -> (Vec<Finding>, i64) {
     let mut examination = Examination::new(purposes, probe, 0);
     let mut pending: Vec<(i64, MavMessage)> = vec![];
     let mut sent = 0;
@@ -180,7 +184,7 @@ fn line<'a>(findings: &'a [Finding], part: &str) -> &'a Finding {
 
 #[test]
 fn a_vehicle_that_is_set_up() {
-    let mut autopilot = Autopilot::ardupilot();
+    let mut autopilot = FakeAutopilot::ardupilot();
     autopilot.streams = [(132, 100_000), (1, 500_000)].into();
     let purposes = [Purpose::Traffic, Purpose::Proximity];
     let (findings, _) = examine(&mut autopilot, &purposes, true);
@@ -317,7 +321,7 @@ fn a_gimbal_that_speaks_and_one_that_does_not() {
 
 #[test]
 fn what_is_off_is_named() {
-    let mut autopilot = Autopilot::ardupilot();
+    let mut autopilot = FakeAutopilot::ardupilot();
     autopilot.parameters.insert("ADSB_TYPE", (0.0, INT));
     autopilot.parameters.insert("PRX1_TYPE", (0.0, INT));
     autopilot.parameters.remove("AVD_ENABLE");
@@ -337,7 +341,7 @@ fn what_is_off_is_named() {
 
 #[test]
 fn older_names_are_tried() {
-    let mut autopilot = Autopilot::ardupilot();
+    let mut autopilot = FakeAutopilot::ardupilot();
     let value = autopilot.parameters.remove("PRX1_TYPE").unwrap();
     autopilot.parameters.insert("PRX_TYPE", value);
     let (findings, _) = examine(&mut autopilot, &[Purpose::Proximity], false);
@@ -348,7 +352,7 @@ fn older_names_are_tried() {
 
 #[test]
 fn an_armed_vehicle_is_not_probed() {
-    let mut autopilot = Autopilot::ardupilot();
+    let mut autopilot = FakeAutopilot::ardupilot();
     autopilot.armed = true;
     let (findings, _) = examine(&mut autopilot, &[Purpose::Traffic], true);
     assert_eq!(autopilot.obstacle, None);
@@ -357,7 +361,7 @@ fn an_armed_vehicle_is_not_probed() {
 
 #[test]
 fn px4_has_its_own_parameters() {
-    let mut autopilot = Autopilot::ardupilot();
+    let mut autopilot = FakeAutopilot::ardupilot();
     autopilot.kind = MavAutopilot::MAV_AUTOPILOT_PX4;
     let int = MavParamType::MAV_PARAM_TYPE_INT32;
     autopilot.parameters = [

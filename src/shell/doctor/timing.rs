@@ -16,13 +16,13 @@ const GOOD_US: i64 = 10_000;
 
 /// Rate of a message.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Rate {
+pub struct MessageRate {
     count: u32,
     first_us: i64,
     last_us: i64,
 }
 
-impl Rate {
+impl MessageRate {
     /// Counts a message received at `now_us`.
     pub fn add(&mut self, now_us: i64) {
         if self.count == 0 {
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn rates() {
-        let mut rate = Rate::default();
+        let mut rate = MessageRate::default();
         assert_eq!(rate.hertz(), 0.0);
         for time in 0..=50 {
             rate.add(7_000_000 + time * 20_000);

@@ -109,7 +109,7 @@ impl Sampled {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shell::evaluate::ranking::{ClipCount, Outcome, Ranking};
+    use crate::shell::evaluate::ranking::{ClipCount, RankedDetection, Ranking};
 
     /// Clips whose difficulty differs: targets of a clip are found alike.
     fn clips(count: usize, random: &mut Random) -> Ranking {
@@ -119,7 +119,7 @@ mod tests {
             for _ in 0..20 {
                 let hit = random.symmetric() < ease;
                 let score = random.symmetric() + if hit { 0.7 } else { 0.0 };
-                outcomes.push(Outcome { score, hit, clip });
+                outcomes.push(RankedDetection { score, hit, clip });
             }
         }
         Ranking::new(vec![ClipCount { frames: 20, targets: 20 }; count], outcomes)

@@ -1,9 +1,9 @@
 //! Runs the detector on one clip and measures it.
 
 use super::contrast::texture;
-use super::matching::{Found, WARMUP, must_be_found, rect};
+use super::matching::{DetectionRecord, WARMUP, must_be_found, rect};
 use super::registration::{ClipRegistration, RegistrationWatch};
-use super::report::{self, Plan, Seen};
+use super::report::{self, FrameMeasurements, Plan};
 use super::track_metrics::{ClipTracks, ClipWatch, FollowSettings};
 use crate::detector::Detections;
 use crate::model::Model;
@@ -24,7 +24,7 @@ use std::vec::Vec;
 #[derive(Debug, Default)]
 pub struct ClipResult {
     /// Detections.
-    pub found: Vec<Found>,
+    pub found: Vec<DetectionRecord>,
     /// Counts of the scan.
     pub scan: ScanCounts,
     /// Time of each frame in the detector, milliseconds.
@@ -40,7 +40,7 @@ pub struct ClipResult {
     /// Texture around each target that must be found, grey levels.
     pub textures: Vec<f64>,
     /// Additional data for a report.
-    pub seen: Option<Seen>,
+    pub seen: Option<FrameMeasurements>,
     /// Tracks and alerts.
     pub tracks: Option<ClipTracks>,
 }
@@ -208,7 +208,7 @@ pub fn run(
     result.rate = (result.frames > 1 && last_us > 0)
         .then(|| (result.frames - 1) as f64 * 1e6 / last_us as f64);
     result.registration = settings.model.map(|_| registration.finish());
-    result.seen = watch.map(report::Watch::finish);
+    result.seen = watch.map(report::MeasuringObserver::finish);
     result.tracks = tracks.map(ClipWatch::finish);
     Ok(result)
 }

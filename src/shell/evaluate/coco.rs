@@ -5,7 +5,7 @@
 //! area that the threshold asks for (half at IoU 0.5, as the scorer). The first frames, which the scorer leaves out, are
 //! left out.
 
-use super::matching::{Found, WARMUP, must_be_found};
+use super::matching::{DetectionRecord, WARMUP, must_be_found};
 use crate::shell::error::Error;
 use crate::shell::formats::clips::Clip;
 use serde::Serialize;
@@ -21,7 +21,7 @@ const CATEGORY: u32 = 1;
 struct GroundTruthFile<'a> {
     info: Info,
     images: Vec<ImageRow>,
-    annotations: Vec<Annotation>,
+    annotations: Vec<AnnotationRow>,
     categories: [Category<'a>; 1],
 }
 
@@ -39,7 +39,7 @@ struct ImageRow {
 }
 
 #[derive(Debug, Serialize)]
-struct Annotation {
+struct AnnotationRow {
     id: u64,
     image_id: u64,
     category_id: u32,
@@ -68,7 +68,7 @@ struct DetectionRow {
 ///
 /// # Errors
 /// [`Error::Write`](crate::shell::support::file_error::FileError::Write).
-pub fn write(folder: &Path, clips: &[Clip], found: &[&[Found]]) -> Result<(), Error> {
+pub fn write(folder: &Path, clips: &[Clip], found: &[&[DetectionRecord]]) -> Result<(), Error> {
     let (truth, detections) = rows(clips, found);
     fs::create_dir_all(folder).map_err(Error::write(folder))?;
     let text = |value: serde_json::Result<String>| value.expect("numbers and names make JSON");
@@ -82,7 +82,10 @@ pub fn write(folder: &Path, clips: &[Clip], found: &[&[Found]]) -> Result<(), Er
     Ok(())
 }
 
-fn rows(clips: &[Clip], found: &[&[Found]]) -> (GroundTruthFile<'static>, Vec<DetectionRow>) {
+fn rows(
+    clips: &[Clip],
+    found: &[&[DetectionRecord]],
+) -> (GroundTruthFile<'static>, Vec<DetectionRow>) {
     let (mut images, mut annotations, mut detections) = (Vec::new(), Vec::new(), Vec::new());
     for (clip, found) in clips.iter().zip(found) {
         let first = images.len() as u64;
@@ -95,7 +98,7 @@ fn rows(clips: &[Clip], found: &[&[Found]]) -> (GroundTruthFile<'static>, Vec<De
             images.push(ImageRow { id: id(frame), file_name, width, height });
         }
         for (frame, truth) in clip.ground_truth.boxes().filter(|(frame, _)| *frame > WARMUP) {
-            annotations.push(Annotation {
+            annotations.push(AnnotationRow {
                 id: annotations.len() as u64 + 1,
                 image_id: id(frame),
                 category_id: CATEGORY,

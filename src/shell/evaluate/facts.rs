@@ -127,15 +127,15 @@ fn read_table(path: &Path) -> Result<BTreeMap<String, Listed>, Error> {
 }
 
 #[derive(Debug, Default)]
-struct Camera {
+struct CameraFacts {
     rate: Option<f64>,
     kind: Option<String>,
     spans_m: Vec<f64>,
 }
 
-fn read_camera(path: &Path) -> Result<Camera, Error> {
+fn read_camera(path: &Path) -> Result<CameraFacts, Error> {
     if !path.is_file() {
-        return Ok(Camera::default());
+        return Ok(CameraFacts::default());
     }
     let bytes = fs::read(path).map_err(Error::read(path))?;
     let bad = |line, reason| FormatError::Line { path: path.into(), line, reason };
@@ -149,7 +149,7 @@ fn read_camera(path: &Path) -> Result<Camera, Error> {
         }
     };
     let spans = value["spans_m"].as_array().map_or(&[][..], Vec::as_slice);
-    Ok(Camera {
+    Ok(CameraFacts {
         rate,
         kind: value["kind"].as_str().map(ToOwned::to_owned),
         spans_m: spans.iter().filter_map(Value::as_f64).collect(),

@@ -35,7 +35,7 @@ pub struct KindClip<'a> {
 
 /// Figures of one kind.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Row {
+pub struct KindRow {
     /// Kind of footage.
     pub kind: String,
     /// Clips with such targets.
@@ -51,7 +51,7 @@ pub struct Row {
 }
 
 /// The rows; empty where no kind is known. `score` is the score of use, log-odds.
-pub fn rows(clips: &[KindClip<'_>], score: Option<f64>) -> Vec<Row> {
+pub fn rows(clips: &[KindClip<'_>], score: Option<f64>) -> Vec<KindRow> {
     let kinds: BTreeSet<&str> = clips.iter().filter_map(|c| c.facts.kind.as_deref()).collect();
     let mut rows = Vec::new();
     for kind in kinds {
@@ -74,7 +74,7 @@ fn row(
     clips: &[KindClip<'_>],
     score: Option<f64>,
     of_kind: impl Fn(&KindClip<'_>, usize) -> bool,
-) -> Option<Row> {
+) -> Option<KindRow> {
     let (mut with_targets, mut found, mut found_at_all) = (0, 0, 0);
     let mut sizes = [(0, 0); SIZES.len()];
     for clip in clips {
@@ -95,7 +95,7 @@ fn row(
     let targets = sizes.iter().map(|size| size.0).sum();
     let by_size = sizes.iter().enumerate();
     let by_size = by_size.map(|(i, &(all, found))| (size_name(i), share(found, all))).collect();
-    (targets > 0).then(|| Row {
+    (targets > 0).then(|| KindRow {
         kind: kind.into(),
         clips: with_targets,
         targets,
@@ -117,7 +117,7 @@ fn best_scores(matches: &ClipMatches) -> Vec<Option<f64>> {
 }
 
 /// The table for a terminal.
-pub fn table(rows: &[Row], stated: &str) -> Table {
+pub fn table(rows: &[KindRow], stated: &str) -> Table {
     let at_score = format!("recall {stated}");
     let mut heads = vec!["Kind of encounter", "clips", "targets", &at_score, "at any score"];
     let sizes: Vec<String> = (0..SIZES.len()).map(|i| format!("{} px", size_name(i))).collect();
@@ -136,7 +136,7 @@ pub fn table(rows: &[Row], stated: &str) -> Table {
 #[cfg(test)]
 mod tests {
     use super::super::matching::match_detections;
-    use super::super::score::Found;
+    use super::super::score::DetectionRecord;
     use super::*;
     use crate::shell::formats::clips::GroundTruth;
     use std::path::Path;
@@ -145,7 +145,7 @@ mod tests {
     fn hovering_before_texture_is_a_row() {
         let truth = "1,1,0,0,20,20\n2,1,0,0,20,20\n3,1,0,0,20,20\n";
         let truth = GroundTruth::parse(truth, Path::new("gt.txt")).unwrap();
-        let found = |frame, score| Found { frame, rect: [0.0, 0.0, 20.0, 20.0], score };
+        let found = |frame, score| DetectionRecord { frame, rect: [0.0, 0.0, 20.0, 20.0], score };
         let matches = match_detections(&truth, &[found(1, 3.0), found(2, 1.0)], 0.3, 0);
         let kind = |kind: &str| Facts { kind: Some(kind.into()), ..Facts::default() };
         let facts = [kind("hover"), kind("crossing"), Facts::default()];

@@ -5,7 +5,7 @@
 //! over union, if that reaches the threshold. Birds, targets cut by the frame's edge and targets too small are ignored: a detection with half of its area
 //! on one counts neither way.
 
-use super::ranking::{Outcome, surest_first};
+use super::ranking::{RankedDetection, surest_first};
 use crate::shell::formats::class::Class;
 use crate::shell::formats::clips::{GroundTruth, TruthBox};
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use std::format;
 use std::string::String;
 use std::vec::Vec;
 
-pub use crate::shell::formats::detections::{Box4, Found};
+pub use crate::shell::formats::detections::{Box4, DetectionRecord};
 
 /// Frames at the start of a clip that are left out by default: the st-cube is not full yet.
 pub const WARMUP: u64 = 3;
@@ -50,19 +50,19 @@ pub struct Matched {
 
 impl Matched {
     /// Its entry in the ranking; none where it is ignored. `clip` is the clip's number.
-    pub fn outcome(&self, clip: usize) -> Option<Outcome> {
+    pub fn outcome(&self, clip: usize) -> Option<RankedDetection> {
         let hit = match self.kind {
             Match::TruePositive(_) => true,
             Match::FalsePositive => false,
             Match::Ignored { .. } => return None,
         };
-        Some(Outcome { score: self.score, hit, clip })
+        Some(RankedDetection { score: self.score, hit, clip })
     }
 }
 
 /// A target that must be found.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Target {
+pub struct ExpectedTarget {
     /// The frame, from 1.
     pub frame: u64,
     /// Box of the ground truth.
@@ -75,7 +75,7 @@ pub struct ClipMatches {
     /// Frames counted.
     pub frames: u64,
     /// Targets that must be found, in the order of frames and of the ground truth.
-    pub targets: Vec<Target>,
+    pub targets: Vec<ExpectedTarget>,
     /// Boxes on birds.
     pub birds: usize,
     /// Detections in the order of frames, highest score first.
@@ -86,7 +86,7 @@ pub struct ClipMatches {
 /// target is at least `iou`.
 pub fn match_detections(
     truth: &GroundTruth,
-    found: &[Found],
+    found: &[DetectionRecord],
     iou: f64,
     warmup: u64,
 ) -> ClipMatches {
@@ -112,18 +112,18 @@ impl ClipMatches {
         &mut self,
         frame: u64,
         truth: &[TruthBox],
-        found: &[Found],
+        found: &[DetectionRecord],
         indices: &[usize],
         iou: f64,
     ) {
         let (targets, ignored): (Vec<&TruthBox>, Vec<&TruthBox>) =
             truth.iter().partition(|t| must_be_found(t));
         let first = self.targets.len();
-        self.targets.extend(targets.iter().map(|&&truth| Target { frame, truth }));
+        self.targets.extend(targets.iter().map(|&&truth| ExpectedTarget { frame, truth }));
         self.birds += truth.iter().filter(|t| t.class == Class::Bird).count();
         let mut free: Vec<usize> = (first..self.targets.len()).collect();
         for &index in indices {
-            let Found { rect: detection, score, .. } = found[index];
+            let DetectionRecord { rect: detection, score, .. } = found[index];
             let mut best = None;
             let mut best_iou = iou;
             for (place, &target) in free.iter().enumerate() {

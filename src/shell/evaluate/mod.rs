@@ -36,13 +36,13 @@ use super::pipeline::{DetectorArgs, ModelFile};
 use super::sources::Frame;
 use super::support::interrupt::{self, Ended};
 use crate::model::Model;
-use crate::tracking::{Settings, tracker};
+use crate::tracking::{TrafficSettings, tracker};
 use clip_run::{ClipResult, RunSettings};
 use facts::Facts;
 use fleet::manifest::Manifest;
 use fleet::run::ShardArgs;
 use fleet::shard::Shard;
-use matching::Found;
+use matching::DetectionRecord;
 use report::{Plan, ReportArgs};
 use settle::{of_the_clip, settle};
 use splits::Splits;
@@ -50,7 +50,7 @@ use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
 use std::{eprintln, fs};
-use summary::{Parts, Summary};
+use summary::{EvaluationSummary, SummaryInputs};
 use track_metrics::{ClipWatch, FollowSettings};
 
 /// Why clips cannot be evaluated.
@@ -120,9 +120,12 @@ pub struct SplitArgs {
 
 impl SplitArgs {
     fn follow(&self, model: Option<&Model<'_>>) -> FollowSettings {
-        let track = model.map(|model| tracker::Settings::calibrated(model.calibration()));
+        let track = model.map(|model| tracker::TrackerSettings::calibrated(model.calibration()));
         FollowSettings {
-            tracking: Settings { track: track.unwrap_or_default(), ..Settings::default() },
+            tracking: TrafficSettings {
+                track: track.unwrap_or_default(),
+                ..TrafficSettings::default()
+            },
             with_attitude: !self.no_attitude,
             assumed_fov: self.fov,
             strict: self.tracks,
@@ -195,7 +198,7 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
         return run_manifest(args, manifest);
     }
     let runs = runs(args, args.report.wanted())?;
-    let models = runs.iter().map(Run::model).collect::<Result<Vec<_>, Error>>()?;
+    let models = runs.iter().map(MethodRun::model).collect::<Result<Vec<_>, Error>>()?;
     for model in models.iter().flatten() {
         args.detector.least_score(model)?;
     }
@@ -231,7 +234,7 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
         }
         let name = (runs.len() > 1 || !ours).then(|| run.method.to_string());
         let least = model.as_ref().map(|model| args.detector.least_score(model)).transpose()?;
-        let parts = Parts {
+        let parts = SummaryInputs {
             method: name.as_deref(),
             splits: &splits,
             results: &results,
@@ -240,7 +243,7 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
             tracks: args.split.tracks,
             assumed_fov: args.split.fov,
         };
-        let summary = Summary::new(parts);
+        let summary = EvaluationSummary::new(parts);
         summary.print(parts, args.split.json)?;
         if ours {
             if let (Some(mut plan), Some(model)) = (plan.take(), model) {
@@ -283,7 +286,7 @@ fn run_manifest(args: &EvalArgs, manifest: &Path) -> Result<Ended, Error> {
 }
 
 /// A method about to run.
-struct Run {
+struct MethodRun {
     method: MethodName,
     /// None where nothing is learned.
     file: Option<ModelFile>,
@@ -291,14 +294,14 @@ struct Run {
     out: Option<PathBuf>,
 }
 
-impl Run {
+impl MethodRun {
     fn model(&self) -> Result<Option<Model<'_>>, Error> {
         Ok(self.file.as_ref().map(ModelFile::parse).transpose()?)
     }
 }
 
 /// The runs given on the command line, each once; ours last, and always there with a report.
-fn runs(args: &EvalArgs, report: bool) -> Result<Vec<Run>, Error> {
+fn runs(args: &EvalArgs, report: bool) -> Result<Vec<MethodRun>, Error> {
     let mut methods: Vec<MethodName> = Vec::new();
     for method in &args.method {
         if *method != MethodName::Ours && !methods.contains(method) {
@@ -318,7 +321,7 @@ fn runs(args: &EvalArgs, report: bool) -> Result<Vec<Run>, Error> {
             MethodName::Ours => out.clone(),
             _ => out.join(method.to_string()),
         };
-        Ok(Run { method, file, out: args.out.as_ref().map(own) })
+        Ok(MethodRun { method, file, out: args.out.as_ref().map(own) })
     };
     methods.into_iter().map(prepare).collect()
 }
@@ -356,7 +359,7 @@ pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     if results.is_empty() {
         splits.complain()?;
     }
-    let parts = Parts {
+    let parts = SummaryInputs {
         method: None,
         splits: &splits,
         results: &results,
@@ -365,7 +368,7 @@ pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
         tracks: args.split.tracks,
         assumed_fov: args.split.fov,
     };
-    Summary::new(parts).print(parts, args.split.json)?;
+    EvaluationSummary::new(parts).print(parts, args.split.json)?;
     if let Some(folder) = &args.coco_out {
         let found: Vec<_> = results.iter().map(|result| result.found.as_slice()).collect();
         coco::write(folder, &splits.clips, &found)?;
@@ -380,7 +383,7 @@ fn score_clip(
     args: &ScoreArgs,
     clip: &Clip,
     kind: Option<&str>,
-    found: Vec<Found>,
+    found: Vec<DetectionRecord>,
 ) -> Result<ClipResult, Error> {
     let frames = clip.frame_count().unwrap_or(0);
     let result = ClipResult { found, frames, ..ClipResult::default() };

@@ -7,7 +7,7 @@ const OUTSIDE: f64 = 0.05;
 
 /// Events, and how many there are in an hour with the 95 % interval of that rate.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Rate {
+pub struct PoissonRate {
     /// Events counted.
     pub events: u64,
     /// Events an hour; none without any time.
@@ -18,7 +18,7 @@ pub struct Rate {
     pub high: Option<f64>,
 }
 
-impl Rate {
+impl PoissonRate {
     /// The rate of `events` in `hours`.
     pub fn new(events: u64, hours: f64) -> Self {
         if hours <= 0.0 {
@@ -94,9 +94,9 @@ mod tests {
 
     #[test]
     fn rates_scale_with_time() {
-        let rate = Rate::new(0, 0.5);
+        let rate = PoissonRate::new(0, 0.5);
         assert_eq!((rate.events, rate.per_hour, rate.low), (0, Some(0.0), Some(0.0)));
         assert!((rate.high.unwrap() - 7.3778).abs() < 1e-3);
-        assert_eq!(Rate::new(3, 0.0), Rate { events: 3, ..Rate::default() });
+        assert_eq!(PoissonRate::new(3, 0.0), PoissonRate { events: 3, ..PoissonRate::default() });
     }
 }

@@ -8,7 +8,7 @@ use std::vec::Vec;
 
 /// A detection that counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outcome {
+pub struct RankedDetection {
     /// Score; larger is more likely a target.
     pub score: f64,
     /// Whether it found a target.
@@ -43,7 +43,7 @@ pub struct Point {
 #[derive(Debug, Clone, Default)]
 pub struct Ranking {
     clips: Vec<ClipCount>,
-    outcomes: Vec<Outcome>,
+    outcomes: Vec<RankedDetection>,
 }
 
 /// Read scores are finite; equal ones keep their order.
@@ -53,7 +53,7 @@ pub fn surest_first(a: f64, b: f64) -> Ordering {
 
 impl Ranking {
     /// Ranks `outcomes`, whose clips are numbers into `clips`.
-    pub fn new(clips: Vec<ClipCount>, mut outcomes: Vec<Outcome>) -> Self {
+    pub fn new(clips: Vec<ClipCount>, mut outcomes: Vec<RankedDetection>) -> Self {
         outcomes.sort_by(|a, b| surest_first(a.score, b.score));
         Self { clips, outcomes }
     }
@@ -64,7 +64,7 @@ impl Ranking {
     }
 
     /// The detections, highest score first.
-    pub fn outcomes(&self) -> &[Outcome] {
+    pub fn outcomes(&self) -> &[RankedDetection] {
         &self.outcomes
     }
 
@@ -173,7 +173,11 @@ mod tests {
     fn ranking(clips: &[Parts]) -> Ranking {
         let counts = clips.iter().map(|&(frames, targets, _)| ClipCount { frames, targets });
         let outcomes = clips.iter().enumerate().flat_map(|(clip, (.., outcomes))| {
-            outcomes.iter().map(move |&(score, hit)| Outcome { score: score.into(), hit, clip })
+            outcomes.iter().map(move |&(score, hit)| RankedDetection {
+                score: score.into(),
+                hit,
+                clip,
+            })
         });
         Ranking::new(counts.collect(), outcomes.collect())
     }

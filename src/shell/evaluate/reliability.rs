@@ -18,7 +18,7 @@ pub const WORKING_PRECISION: f64 = 0.9;
 
 /// One row of the table; detections of that score or more.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Row {
+pub struct ReliabilityRow {
     /// Share of right ones that the model states.
     pub stated: f64,
     /// The score, log-odds.
@@ -43,14 +43,14 @@ pub fn rows(
     least: Option<f64>,
     matches: &[ClipMatches],
     bootstrap: &Bootstrap,
-) -> Vec<Row> {
+) -> Vec<ReliabilityRow> {
     let scored = STATED.map(|stated| Some((stated, score_of(model, stated)?)));
     let reported = |(_, score): &(f64, f64)| least.is_none_or(|least| *score >= least);
     let rows = scored.into_iter().flatten().filter(reported);
     rows.map(|(stated, score)| row(stated, score, matches, bootstrap)).collect()
 }
 
-fn row(stated: f64, score: f64, matches: &[ClipMatches], bootstrap: &Bootstrap) -> Row {
+fn row(stated: f64, score: f64, matches: &[ClipMatches], bootstrap: &Bootstrap) -> ReliabilityRow {
     let count = |clip: &ClipMatches| {
         let counted = clip.detections.iter().filter(|d| d.score >= score);
         counted.fold((0, 0), |(right, wrong), detection| match detection.kind {
@@ -63,7 +63,7 @@ fn row(stated: f64, score: f64, matches: &[ClipMatches], bootstrap: &Bootstrap) 
     let (right, wrong) =
         counts.iter().fold((0, 0), |(right, wrong), clip| (right + clip.0, wrong + clip.1));
     let targets: usize = matches.iter().map(|clip| clip.targets.len()).sum();
-    Row {
+    ReliabilityRow {
         stated,
         score,
         detections: right + wrong,
@@ -73,7 +73,7 @@ fn row(stated: f64, score: f64, matches: &[ClipMatches], bootstrap: &Bootstrap) 
 }
 
 /// The table for a terminal.
-pub fn table(rows: &[Row]) -> Table {
+pub fn table(rows: &[ReliabilityRow]) -> Table {
     let heads =
         ["Precision stated", "score from", "detections", "precision found (95 %)", "recall"];
     let mut table = Table::new(&heads);
@@ -93,7 +93,7 @@ pub fn table(rows: &[Row]) -> Table {
 #[cfg(test)]
 mod tests {
     use super::super::matching::{WARMUP, match_detections};
-    use super::super::score::Found;
+    use super::super::score::DetectionRecord;
     use super::*;
     use crate::shell::formats::clips::GroundTruth;
     use std::path::Path;
@@ -105,12 +105,16 @@ mod tests {
         let truth: String = (4..=9).map(|f| format!("{f},1,10,10,20,20\n")).collect();
         let truth = GroundTruth::parse(&truth, Path::new("gt.txt")).unwrap();
         let clip = |number: usize| {
-            let mut found: Vec<Found> = Vec::new();
+            let mut found: Vec<DetectionRecord> = Vec::new();
             for frame in 4..=9 {
                 let score = if frame % 2 == 0 { 3.0 } else { 1.0 };
-                found.push(Found { frame, rect: [10.0, 10.0, 20.0, 20.0], score });
+                found.push(DetectionRecord { frame, rect: [10.0, 10.0, 20.0, 20.0], score });
                 if number.is_multiple_of(2) {
-                    found.push(Found { frame, rect: [60.0, 60.0, 20.0, 20.0], score: 2.0 });
+                    found.push(DetectionRecord {
+                        frame,
+                        rect: [60.0, 60.0, 20.0, 20.0],
+                        score: 2.0,
+                    });
                 }
             }
             match_detections(&truth, &found, 0.3, WARMUP)

@@ -1,10 +1,10 @@
 //! Accuracy of matched clips: all clips together give one precision-recall curve (all-point interpolation), by the rules of the
 //! project's independent scorer.
 
-pub use super::matching::{Box4, Found, WARMUP, must_be_found};
+pub use super::matching::{Box4, DetectionRecord, WARMUP, must_be_found};
 
 use super::matching::{self, ClipMatches, Match, SIZES, class, size};
-use super::ranking::{ClipCount, Outcome, Ranking};
+use super::ranking::{ClipCount, RankedDetection, Ranking};
 use crate::shell::formats::class::Class;
 use crate::shell::formats::clips::GroundTruth;
 use serde::ser::{Serialize, SerializeMap, Serializer};
@@ -30,7 +30,7 @@ pub struct Scorer {
     iou: f64,
     warmup: u64,
     clips: Vec<ClipCount>,
-    outcomes: Vec<Outcome>,
+    outcomes: Vec<RankedDetection>,
     sizes: [Tally; SIZES.len()],
     classes: [Tally; Class::TARGETS.len()],
 }
@@ -49,7 +49,7 @@ impl Scorer {
     }
 
     /// Matches a clip and adds it. The result depends on the order of clips only where scores are equal.
-    pub fn add_clip(&mut self, truth: &GroundTruth, found: &[Found]) {
+    pub fn add_clip(&mut self, truth: &GroundTruth, found: &[DetectionRecord]) {
         self.add_matches(&matching::match_detections(truth, found, self.iou, self.warmup));
     }
 
@@ -77,7 +77,7 @@ impl Scorer {
     }
 
     /// The figures of all clips together.
-    pub fn report(self) -> Report {
+    pub fn report(self) -> AccuracyReport {
         let (iou, sizes, classes) = (self.iou, self.sizes, self.classes);
         let ranking = self.ranking();
         let all = ranking.whole();
@@ -87,7 +87,7 @@ impl Scorer {
             recall: (tally.targets > 0).then(|| tally.found as f64 / tally.targets as f64),
             targets: tally.targets,
         };
-        Report {
+        AccuracyReport {
             average_precision: ranking.average_precision(&all),
             iou,
             frames: ranking.clips().iter().map(|clip| clip.frames).sum(),
@@ -125,7 +125,7 @@ pub struct Share {
 
 /// Accuracy over all clips; as JSON in the form of the independent scorer.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Report {
+pub struct AccuracyReport {
     /// Area under the interpolated precision-recall curve, 0 to 1.
     pub average_precision: f64,
     /// Intersection over union from which a detection is right.
@@ -146,31 +146,31 @@ pub struct Report {
     pub by_class: Vec<Share>,
 }
 
-enum Field<'a> {
+enum ReportField<'a> {
     Real(f64),
     Count(u64),
     Shares(&'a [Share]),
 }
 
-impl Report {
-    fn fields(&self) -> Vec<(String, Field<'_>)> {
+impl AccuracyReport {
+    fn fields(&self) -> Vec<(String, ReportField<'_>)> {
         let mut fields = vec![
-            ("AveP".into(), Field::Real(round(self.average_precision, 4))),
-            ("iou".into(), Field::Real(self.iou)),
-            ("frames".into(), Field::Count(self.frames)),
-            ("positives".into(), Field::Count(self.positives as u64)),
-            ("detections".into(), Field::Count(self.detections as u64)),
+            ("AveP".into(), ReportField::Real(round(self.average_precision, 4))),
+            ("iou".into(), ReportField::Real(self.iou)),
+            ("frames".into(), ReportField::Count(self.frames)),
+            ("positives".into(), ReportField::Count(self.positives as u64)),
+            ("detections".into(), ReportField::Count(self.detections as u64)),
         ];
         for (precision, recall) in PRECISIONS.iter().zip(self.recall_at_precision) {
             let name = format!("recall_at_precision_{precision}");
-            fields.push((name, Field::Real(round(recall, 4))));
+            fields.push((name, ReportField::Real(round(recall, 4))));
         }
         for (count, recall) in FALSE_ALARMS.iter().zip(self.recall_at_false_alarms) {
             let name = format!("recall_at_{count}_false_alarms_per_1000_frames");
-            fields.push((name, Field::Real(round(recall, 4))));
+            fields.push((name, ReportField::Real(round(recall, 4))));
         }
-        fields.push(("max_recall_by_size_px".into(), Field::Shares(&self.by_size)));
-        fields.push(("max_recall_by_class".into(), Field::Shares(&self.by_class)));
+        fields.push(("max_recall_by_size_px".into(), ReportField::Shares(&self.by_size)));
+        fields.push(("max_recall_by_class".into(), ReportField::Shares(&self.by_class)));
         fields
     }
 }
@@ -180,14 +180,14 @@ fn round(value: f64, digits: usize) -> f64 {
     format!("{value:.digits$}").parse().unwrap_or(value)
 }
 
-impl Serialize for Report {
+impl Serialize for AccuracyReport {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         for (name, field) in self.fields() {
             match field {
-                Field::Real(value) => map.serialize_entry(&name, &value)?,
-                Field::Count(value) => map.serialize_entry(&name, &value)?,
-                Field::Shares(shares) => map.serialize_entry(&name, &Shares(shares))?,
+                ReportField::Real(value) => map.serialize_entry(&name, &value)?,
+                ReportField::Count(value) => map.serialize_entry(&name, &value)?,
+                ReportField::Shares(shares) => map.serialize_entry(&name, &Shares(shares))?,
             }
         }
         map.end()

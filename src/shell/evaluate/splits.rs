@@ -12,7 +12,7 @@ use std::{eprintln, format};
 
 /// A clip that took no part, and why.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Broken {
+pub struct UnusableClip {
     /// Its name.
     pub clip: String,
     /// The reason in words.
@@ -31,7 +31,7 @@ pub struct Splits {
     /// Number of each clip's folder in `folders`.
     pub split: Vec<usize>,
     /// Clips that took no part.
-    pub broken: Vec<Broken>,
+    pub broken: Vec<UnusableClip>,
 }
 
 impl Splits {
@@ -51,7 +51,8 @@ impl Splits {
                     Ok(clip) if wanted(&clip.name) => found.push(clip),
                     Err(broken) if wanted(&broken.name) => {
                         let reason = broken.error.to_string();
-                        all.broken.push(Broken { clip: all.named(number, &broken.name), reason });
+                        all.broken
+                            .push(UnusableClip { clip: all.named(number, &broken.name), reason });
                     }
                     _ => continue,
                 }
@@ -100,7 +101,7 @@ impl Splits {
     pub fn leave_out(&mut self, reasons: &[Option<String>]) {
         for (clip, reason) in self.clips.iter().zip(reasons) {
             if let Some(reason) = reason {
-                self.broken.push(Broken { clip: clip.name.clone(), reason: reason.clone() });
+                self.broken.push(UnusableClip { clip: clip.name.clone(), reason: reason.clone() });
             }
         }
         let kept: Vec<bool> = reasons.iter().map(Option::is_none).collect();
@@ -114,7 +115,7 @@ impl Splits {
     /// # Errors
     /// [`Error::BrokenClips`](crate::shell::evaluate::EvaluateError::BrokenClips) when there is one.
     pub fn complain(&self) -> Result<(), Error> {
-        for Broken { clip, reason } in &self.broken {
+        for UnusableClip { clip, reason } in &self.broken {
             eprintln!("lookout: {clip} left out: {}", reason.replace(['\r', '\n'], " "));
         }
         match self.broken.len() {

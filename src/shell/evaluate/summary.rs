@@ -9,10 +9,10 @@ use super::ranges::{self, SpanRanges};
 use super::registration::RegistrationFigures;
 use super::reliability::{self, WORKING_PRECISION};
 use super::report::{IOUS, InUse, LOOSE};
-use super::score::{FALSE_ALARMS, PRECISIONS, Report, Scorer};
-use super::splits::{Broken, Splits};
+use super::score::{AccuracyReport, FALSE_ALARMS, PRECISIONS, Scorer};
+use super::splits::{Splits, UnusableClip};
 use super::table::{Table, number};
-use super::track_figures::Figures;
+use super::track_figures::TrackFigures;
 use super::without_target::{QuietClip, WithoutTarget};
 use crate::model::Model;
 use crate::shell::error::Error;
@@ -57,12 +57,12 @@ struct SplitSummary {
     data: String,
     clips: usize,
     hours: f64,
-    reports: Vec<Report>,
+    reports: Vec<AccuracyReport>,
 }
 
 /// All figures of a run.
 #[derive(Debug, Clone, Serialize)]
-pub struct Summary {
+pub struct EvaluationSummary {
     #[serde(skip_serializing_if = "Option::is_none")]
     method: Option<String>,
     data: Vec<String>,
@@ -70,15 +70,15 @@ pub struct Summary {
     /// Length of all clips, hours.
     hours: f64,
     /// By intersection over union.
-    reports: Vec<Report>,
+    reports: Vec<AccuracyReport>,
     /// By split, where there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     splits: Vec<SplitSummary>,
     working_point: WorkingPoint,
     #[serde(skip_serializing_if = "Option::is_none")]
-    reliability: Option<Vec<reliability::Row>>,
+    reliability: Option<Vec<reliability::ReliabilityRow>>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    kinds: Vec<kinds::Row>,
+    kinds: Vec<kinds::KindRow>,
     #[serde(skip_serializing_if = "Option::is_none")]
     without_target: Option<WithoutTarget>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -86,17 +86,17 @@ pub struct Summary {
     #[serde(skip_serializing_if = "Option::is_none")]
     registration: Option<RegistrationFigures>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    tracks: Option<Figures>,
+    tracks: Option<TrackFigures>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     ranges: Vec<SpanRanges>,
     /// Clips that took no part.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    broken: Vec<Broken>,
+    broken: Vec<UnusableClip>,
 }
 
 /// Inputs of a summary.
 #[derive(Debug, Clone, Copy)]
-pub struct Parts<'a> {
+pub struct SummaryInputs<'a> {
     /// Name of the method, where several are run.
     pub method: Option<&'a str>,
     /// The evaluated splits.
@@ -118,10 +118,10 @@ fn hours(result: &ClipResult, facts: &Facts) -> f64 {
     result.frames as f64 / facts.rate / 3600.0
 }
 
-impl Summary {
+impl EvaluationSummary {
     /// Summary of a run.
-    pub fn new(parts: Parts<'_>) -> Self {
-        let Parts { splits, results, model, .. } = parts;
+    pub fn new(parts: SummaryInputs<'_>) -> Self {
+        let SummaryInputs { splits, results, model, .. } = parts;
         let clips = || splits.clips.iter().zip(results);
         let matches = IOUS.map(|iou| {
             let own = clips().map(|(clip, result)| {
@@ -136,7 +136,7 @@ impl Summary {
                 own.for_each(|(_, matches)| scorer.add_matches(matches));
                 scorer.report()
             };
-            IOUS.iter().zip(&matches).map(of_iou).collect::<Vec<Report>>()
+            IOUS.iter().zip(&matches).map(of_iou).collect::<Vec<AccuracyReport>>()
         };
         let lengths: Vec<f64> =
             results.iter().zip(&splits.facts).map(|(r, f)| hours(r, f)).collect();
@@ -191,7 +191,7 @@ impl Summary {
             without_target: WithoutTarget::new(&quiet, point.score),
             scan: model.map(|_| scan.into()),
             registration: model.map(|_| RegistrationFigures::new(registration)),
-            tracks: (parts.tracks && all_followed).then(|| Figures::new(&tracks)),
+            tracks: (parts.tracks && all_followed).then(|| TrackFigures::new(&tracks)),
             ranges: ranges::figures(&ranged),
             broken: splits.broken.clone(),
         }
@@ -211,7 +211,7 @@ impl Summary {
     ///
     /// # Errors
     /// [`Error::Write`](crate::shell::support::file_error::FileError::Write).
-    pub fn print(&self, parts: Parts<'_>, json: bool) -> Result<(), Error> {
+    pub fn print(&self, parts: SummaryInputs<'_>, json: bool) -> Result<(), Error> {
         if json {
             let text = serde_json::to_string(self).expect("numbers and names always make JSON");
             return Ok(print_line(&text)?);
@@ -274,19 +274,19 @@ impl Summary {
     }
 }
 
-fn title(name: &str, clips: usize, hours: f64, reports: &[Report]) -> String {
+fn title(name: &str, clips: usize, hours: f64, reports: &[AccuracyReport]) -> String {
     let (frames, targets) = reports.first().map_or((0, 0), |r| (r.frames, r.positives));
     let length = if hours > 0.0 { format!(" ({hours:.4} hours)") } else { String::new() };
     format!("{name}: {clips} clips, {frames} frames{length}, {targets} targets")
 }
 
 /// Accuracy at each intersection over union, side by side.
-fn accuracy(reports: &[Report]) -> Table {
+fn accuracy(reports: &[AccuracyReport]) -> Table {
     let columns: Vec<String> = reports.iter().map(|r| format!("IoU {}", r.iou)).collect();
     let mut heads = Vec::from(["Accuracy"]);
     heads.extend(columns.iter().map(String::as_str));
     let mut table = Table::new(&heads);
-    let mut row = |name: String, cell: &dyn Fn(&Report) -> String| {
+    let mut row = |name: String, cell: &dyn Fn(&AccuracyReport) -> String| {
         let cells: Vec<String> = [name].into_iter().chain(reports.iter().map(cell)).collect();
         table.row(&cells);
     };

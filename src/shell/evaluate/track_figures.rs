@@ -49,7 +49,7 @@ fn flights<'c>(collisions: impl Iterator<Item = &'c Collision>) -> u64 {
 
 /// The figures of all clips together; none where nothing was there to measure on.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Figures {
+pub struct TrackFigures {
     /// Clips without `camera.json`: directions by an assumed field of view.
     pub assumed_cameras: u64,
     /// Clips without attitudes: the pictures' own motion instead.
@@ -92,7 +92,7 @@ pub struct Figures {
     pub falsely_warned: Vec<String>,
 }
 
-impl Figures {
+impl TrackFigures {
     /// Figures over the clips.
     pub fn new(clips: &[&ClipTracks]) -> Self {
         let targets = || clips.iter().flat_map(|c| c.targets.iter().map(|(_, t)| t));
@@ -154,7 +154,7 @@ pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
     values.get((values.len().saturating_sub(1) as f64 * share).round() as usize).copied()
 }
 
-impl fmt::Display for Figures {
+impl fmt::Display for TrackFigures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut table = Table::new(&["Tracks", ""]);
         let mut row = |name: &str, value: String| table.row(&[name, &value]);

@@ -3,18 +3,18 @@
 use super::score::{WARMUP, must_be_found};
 use crate::camera::Camera;
 use crate::camera::attitude::Attitude;
-use crate::camera::attitude_buffer::Attitudes;
+use crate::camera::attitude_buffer::AttitudeBuffer;
 use crate::detector::detection::Detection;
 use crate::math::real::{PI, Real};
-use crate::registration::global_motion::Motion;
+use crate::registration::global_motion::GlobalMotion;
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::{CameraFile, number};
 use crate::shell::formats::class::Class;
 use crate::shell::formats::clips::{Clip, TruthBox};
 use crate::shell::formats::error::FormatError;
 use crate::shell::formats::truth::{self, FrameTruth};
-use crate::tracking::traffic::{Level, Traffic};
-use crate::tracking::{Settings, Watch};
+use crate::tracking::traffic::{AlertLevel, Traffic};
+use crate::tracking::{TrafficMonitor, TrafficSettings};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::format;
@@ -31,7 +31,7 @@ const COMPARED: f64 = 4.0;
 #[derive(Debug, Clone, Copy)]
 pub struct FollowSettings {
     /// Tracker and alerts.
-    pub tracking: Settings,
+    pub tracking: TrafficSettings,
     /// Whether to use the attitudes of `truth.csv`.
     pub with_attitude: bool,
     /// Horizontal field of view that is assumed without `camera.json`, degrees.
@@ -47,9 +47,9 @@ pub struct ClipWatch<'a> {
     settings: FollowSettings,
     camera: Option<CameraFile>,
     truth: BTreeMap<u64, FrameTruth>,
-    attitudes: Option<Attitudes>,
+    attitudes: Option<AttitudeBuffer>,
     /// Made with the first frame, whose size it needs.
-    watch: Option<Watch>,
+    watch: Option<TrafficMonitor>,
     targets: BTreeMap<i64, TargetResult>,
     tracks: BTreeMap<u16, TrackResult>,
     result: ClipTracks,
@@ -88,7 +88,7 @@ pub struct TrackResult {
     pub warnings: u64,
     /// Level in the last frame; of no use after it.
     #[serde(skip)]
-    pub level: Level,
+    pub level: AlertLevel,
 }
 
 impl TrackResult {
@@ -177,7 +177,7 @@ impl<'a> ClipWatch<'a> {
             settings,
             camera,
             truth,
-            attitudes: known.then(Attitudes::new),
+            attitudes: known.then(AttitudeBuffer::new),
             watch: None,
             targets: BTreeMap::new(),
             tracks: BTreeMap::new(),
@@ -220,7 +220,7 @@ impl<'a> ClipWatch<'a> {
         time_us: i64,
         size: (usize, usize),
         found: &[Detection],
-        motion: &Motion,
+        motion: &GlobalMotion,
     ) -> Result<(), Error> {
         let none = FrameTruth::default();
         let truth = self.truth.get(&number).unwrap_or(&none);
@@ -228,10 +228,10 @@ impl<'a> ClipWatch<'a> {
             attitudes.push(time_us, attitude(truth.attitude));
         }
         if self.watch.is_none() {
-            self.watch = Some(Watch::new(self.settings.tracking, self.camera(size)?));
+            self.watch = Some(TrafficMonitor::new(self.settings.tracking, self.camera(size)?));
         }
         let Some(watch) = &mut self.watch else { return Ok(()) };
-        let empty = Attitudes::new();
+        let empty = AttitudeBuffer::new();
         let attitudes = self.attitudes.as_ref().unwrap_or(&empty);
         let traffic = watch.update(found, time_us, motion, attitudes);
         self.result.seconds = time_us as f64 / 1e6;
@@ -248,8 +248,8 @@ impl<'a> ClipWatch<'a> {
             track.right += u64::from(right.is_some());
             track.on_bird += u64::from(bird);
             let rose = |level| track.level < level && traffic.level >= level;
-            track.cautions += u64::from(rose(Level::Caution));
-            track.warnings += u64::from(rose(Level::Warning));
+            track.cautions += u64::from(rose(AlertLevel::Caution));
+            track.warnings += u64::from(rose(AlertLevel::Warning));
             track.level = traffic.level;
         }
         for (index, target) in boxes.iter().enumerate().filter(|(_, t)| t.class != Class::Bird) {
@@ -283,7 +283,7 @@ impl ClipTracks {
         &mut self,
         result: &mut TargetResult,
         target: &TruthBox,
-        known: Option<&truth::Target>,
+        known: Option<&truth::TargetRow>,
         found: Option<&Traffic>,
     ) {
         if must_be_found(target) {
@@ -306,7 +306,7 @@ impl ClipTracks {
                 result.switches += 1;
             }
             result.last = Some(found.id);
-            if found.level == Level::Warning && result.warned.is_none() {
+            if found.level == AlertLevel::Warning && result.warned.is_none() {
                 result.warned = Some(time.unwrap_or(0.0));
             }
             if let Some(time) = time.filter(|time| *time <= COMPARED) {
@@ -323,7 +323,7 @@ fn attitude(angles: [f64; 3]) -> Attitude {
 }
 
 /// Angle between a track and where its target is, in degrees.
-fn degrees_between(found: &Traffic, angles: [f64; 3], known: &truth::Target) -> f64 {
+fn degrees_between(found: &Traffic, angles: [f64; 3], known: &truth::TargetRow) -> f64 {
     let world = attitude(angles).rotate(found.body.into()).map(|v| v.to_num::<f64>());
     let away = known.direction();
     let square: f64 = world.iter().zip(away).map(|(a, b)| (a - b) * (a - b)).sum();
@@ -371,13 +371,13 @@ mod tests {
             fs::write(folder.path().join(name), text).unwrap();
         }
         let clip = clips::clip(folder.path()).unwrap();
-        let tracking = Settings::default();
+        let tracking = TrafficSettings::default();
         let settings = FollowSettings { tracking, with_attitude: true, assumed_fov: 60.0, strict };
         let words = |error: Error| error.to_string();
         let mut watch = ClipWatch::new(&clip, Some("collision"), settings).map_err(words)?;
         for number in 1..=6 {
             let time_us = number as i64 * 33_333;
-            watch.frame(number, time_us, (64, 48), &[], &Motion::IDENTITY).map_err(words)?;
+            watch.frame(number, time_us, (64, 48), &[], &GlobalMotion::IDENTITY).map_err(words)?;
         }
         Ok(watch.finish())
     }

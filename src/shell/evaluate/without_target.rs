@@ -5,7 +5,7 @@
 
 use super::facts::Facts;
 use super::matching::{ClipMatches, Match};
-use super::poisson::Rate;
+use super::poisson::PoissonRate;
 use super::table::{Table, with_interval};
 use super::track_metrics::{ClipTracks, TrackResult};
 use serde::Serialize;
@@ -33,7 +33,7 @@ pub struct QuietClip<'a> {
 /// Cause of a false report, as far as labels and tables have it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Cause {
+enum FalseReportCause {
     /// On a labelled bird.
     Bird,
     /// In a clip with things that move along the ground.
@@ -44,38 +44,38 @@ enum Cause {
     NotKnown,
 }
 
-const CAUSES: [(Cause, &str); 4] = [
-    (Cause::Bird, "on a bird"),
-    (Cause::Movers, "clips with movers on the ground"),
-    (Cause::StillBackground, "clips without movers"),
-    (Cause::NotKnown, "cause not known"),
+const CAUSES: [(FalseReportCause, &str); 4] = [
+    (FalseReportCause::Bird, "on a bird"),
+    (FalseReportCause::Movers, "clips with movers on the ground"),
+    (FalseReportCause::StillBackground, "clips without movers"),
+    (FalseReportCause::NotKnown, "cause not known"),
 ];
 
-fn cause(facts: &Facts, bird: bool) -> Cause {
+fn cause(facts: &Facts, bird: bool) -> FalseReportCause {
     match (bird, facts.movers) {
-        (true, _) => Cause::Bird,
-        (false, Some(movers)) if movers > 0.0 => Cause::Movers,
-        (false, Some(_)) => Cause::StillBackground,
-        (false, None) => Cause::NotKnown,
+        (true, _) => FalseReportCause::Bird,
+        (false, Some(movers)) if movers > 0.0 => FalseReportCause::Movers,
+        (false, Some(_)) => FalseReportCause::StillBackground,
+        (false, None) => FalseReportCause::NotKnown,
     }
 }
 
 /// Rates of one kind of event.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Events {
+pub struct EventRates {
     /// Kind of footage.
     pub name: &'static str,
     /// Rate of all false reports.
-    pub all: Rate,
+    pub all: PoissonRate,
     /// By cause; only causes with events.
     by_cause: Vec<CauseRate>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct CauseRate {
-    cause: Cause,
+    cause: FalseReportCause,
     #[serde(flatten)]
-    rate: Rate,
+    rate: PoissonRate,
 }
 
 /// Figures of the clips without a target.
@@ -88,7 +88,7 @@ pub struct WithoutTarget {
     /// Least score of the detections counted, log-odds; none: all.
     pub score: Option<f64>,
     /// The kinds of events.
-    pub events: Vec<Events>,
+    pub events: Vec<EventRates>,
 }
 
 impl WithoutTarget {
@@ -130,9 +130,9 @@ impl WithoutTarget {
     }
 
     /// Name and rate of each kind of event, causes behind their kind.
-    pub fn rows(&self) -> Vec<(String, Rate)> {
+    pub fn rows(&self) -> Vec<(String, PoissonRate)> {
         let mut rows = Vec::new();
-        for Events { name, all, by_cause } in &self.events {
+        for EventRates { name, all, by_cause } in &self.events {
             rows.push(((*name).into(), *all));
             for CauseRate { cause, rate } in by_cause {
                 let cause = CAUSES.iter().find(|(one, _)| one == cause).map_or("", |c| c.1);
@@ -146,7 +146,7 @@ impl WithoutTarget {
     pub fn table(&self) -> Table {
         let first = format!("Clips without a target: {}, {:.4} hours", self.clips, self.hours);
         let mut table = Table::new(&[&first, "events", "an hour (95 %, Poisson)"]);
-        for (name, Rate { events, per_hour, low, high }) in self.rows() {
+        for (name, PoissonRate { events, per_hour, low, high }) in self.rows() {
             let rate = with_interval(per_hour, low, high, 1);
             table.row(&[&name, &format!("{events}"), &rate]);
         }
@@ -160,7 +160,7 @@ fn events(
     clips: &[QuietClip<'_>],
     hours: f64,
     count: &dyn Fn(&QuietClip<'_>, bool) -> u64,
-) -> Events {
+) -> EventRates {
     let mut counts = [0; CAUSES.len()];
     for clip in clips {
         for bird in [true, false] {
@@ -169,17 +169,17 @@ fn events(
             counts[place] += count(clip, bird);
         }
     }
-    let of_cause = |(&(cause, _), &count): (&(Cause, &str), &u64)| {
-        (count > 0).then(|| CauseRate { cause, rate: Rate::new(count, hours) })
+    let of_cause = |(&(cause, _), &count): (&(FalseReportCause, &str), &u64)| {
+        (count > 0).then(|| CauseRate { cause, rate: PoissonRate::new(count, hours) })
     };
     let by_cause = CAUSES.iter().zip(&counts).filter_map(of_cause).collect();
-    Events { name, all: Rate::new(counts.iter().sum(), hours), by_cause }
+    EventRates { name, all: PoissonRate::new(counts.iter().sum(), hours), by_cause }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::matching::match_detections;
-    use super::super::score::Found;
+    use super::super::score::DetectionRecord;
     use super::*;
     use crate::shell::formats::clips::GroundTruth;
     use std::path::Path;
@@ -188,8 +188,11 @@ mod tests {
     fn events_an_hour_by_cause() {
         // A bird in frame 1: one detection on it, two beside it, of which one is weak.
         let truth = GroundTruth::parse("1,1,10,10,20,20,1,4,1", Path::new("gt.txt")).unwrap();
-        let found =
-            |left: f64, score: f64| Found { frame: 1, rect: [left, 10.0, 20.0, 20.0], score };
+        let found = |left: f64, score: f64| DetectionRecord {
+            frame: 1,
+            rect: [left, 10.0, 20.0, 20.0],
+            score,
+        };
         let found = [found(10.0, 5.0), found(60.0, 4.0), found(90.0, 1.0)];
         let matches = match_detections(&truth, &found, 0.3, 0);
         let track = |on_bird, warnings| TrackResult {
@@ -209,12 +212,13 @@ mod tests {
         let all = WithoutTarget::new(&[clip(0), clip(1)], Some(2.0)).unwrap();
         assert_eq!((all.clips, all.hours), (2, 0.5));
         let counts = |i: usize| {
-            let events: &Events = &all.events[i];
-            let by: Vec<(Cause, u64)> =
+            let events: &EventRates = &all.events[i];
+            let by: Vec<(FalseReportCause, u64)> =
                 events.by_cause.iter().map(|c| (c.cause, c.rate.events)).collect();
             (events.name, events.all.events, by)
         };
-        let (bird, movers, other) = (Cause::Bird, Cause::Movers, Cause::NotKnown);
+        let (bird, movers, other) =
+            (FalseReportCause::Bird, FalseReportCause::Movers, FalseReportCause::NotKnown);
         assert_eq!(counts(0), ("false detections", 4, vec![(bird, 2), (movers, 1), (other, 1)]));
         assert_eq!(
             counts(1),

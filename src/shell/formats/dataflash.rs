@@ -3,7 +3,7 @@
 //! A record is 0xA3 0x95, a type, and the fields that an FMT record (type 128) declares for that type, little-endian.
 //! Source: ArduPilot `libraries/AP_Logger/LogStructure.h`.
 
-use super::flight_sample::{FlightLogError, Sample};
+use super::flight_sample::{FlightLogError, FlightSample};
 use std::collections::HashMap;
 use std::path::Path;
 use std::string::String;
@@ -18,7 +18,7 @@ const FMT_LENGTH: usize = 89;
 const HEAD: usize = 3;
 
 /// A declared record: where each field is, and of which kind.
-struct Layout {
+struct RecordLayout {
     name: String,
     length: usize,
     fields: Vec<(String, u8, usize)>,
@@ -67,7 +67,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(&bytes[..end]).into_owned()
 }
 
-impl Layout {
+impl RecordLayout {
     /// From the fields of an FMT record: type, length, name (4), kinds (16), labels (64).
     fn parse(record: &[u8]) -> Option<(u8, Self)> {
         let (kind, length) = (*record.first()?, usize::from(*record.get(1)?));
@@ -90,9 +90,9 @@ impl Layout {
 
 /// Records have no checksum: removes samples whose time is off by more than a minute from those before and after, which
 /// agree.
-fn drop_wild_times(samples: &mut Vec<Sample>) {
+fn drop_wild_times(samples: &mut Vec<FlightSample>) {
     const MINUTE_US: u64 = 60_000_000;
-    let times: Vec<i64> = samples.iter().map(Sample::time_us).collect();
+    let times: Vec<i64> = samples.iter().map(FlightSample::time_us).collect();
     let far = |a: i64, b: i64| a.abs_diff(b) > MINUTE_US;
     let mut at = 0..times.len();
     samples.retain(|_| {
@@ -108,7 +108,7 @@ fn drop_wild_times(samples: &mut Vec<Sample>) {
 ///
 /// # Errors
 /// [`FlightLogError::Nothing`] where there is neither attitude nor position.
-pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>, FlightLogError> {
+pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<FlightSample>, FlightLogError> {
     let mut layouts = HashMap::new();
     let mut samples = Vec::new();
     let mut velocity = [0.0; 3];
@@ -116,7 +116,7 @@ pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>, FlightLogError> {
     while let Some(rest) = bytes.get(at..).filter(|rest| rest.len() > HEAD) {
         let length = match rest[2] {
             FMT => Some(FMT_LENGTH),
-            kind => layouts.get(&kind).map(|layout: &Layout| layout.length),
+            kind => layouts.get(&kind).map(|layout: &RecordLayout| layout.length),
         };
         // Records have no checksum; one that the next does not follow at once is taken for damaged.
         let followed = |length: usize| rest[length..].iter().zip(MAGIC).all(|(&a, b)| a == b);
@@ -130,7 +130,7 @@ pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>, FlightLogError> {
         let fields = &rest[HEAD..length];
         at += length;
         if rest[2] == FMT {
-            layouts.extend(Layout::parse(fields));
+            layouts.extend(RecordLayout::parse(fields));
             continue;
         }
         let layout = &layouts[&rest[2]];
@@ -144,7 +144,7 @@ pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>, FlightLogError> {
                     (get("Roll"), get("Pitch"), get("Yaw"))
                 {
                     let euler = [roll, pitch, yaw].map(f64::to_radians);
-                    samples.push(Sample::from_euler(time_us, euler));
+                    samples.push(FlightSample::from_euler(time_us, euler));
                 }
             }
             // Estimates of the Kalman filters: north, east, down in m/s.
@@ -156,7 +156,7 @@ pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>, FlightLogError> {
             "POS" => {
                 if let (Some(lat), Some(lng), Some(alt)) = (get("Lat"), get("Lng"), get("Alt")) {
                     let place = [lat / 1e7, lng / 1e7, alt];
-                    samples.push(Sample::Position { time_us, place, velocity });
+                    samples.push(FlightSample::Position { time_us, place, velocity });
                 }
             }
             _ => {}
@@ -225,13 +225,14 @@ pub(super) mod tests {
     #[test]
     fn attitudes_and_positions() {
         let samples = read(Path::new("a.bin"), &log()).unwrap();
-        let attitudes = samples.iter().filter(|s| matches!(s, Sample::Attitude { .. })).count();
+        let attitudes =
+            samples.iter().filter(|s| matches!(s, FlightSample::Attitude { .. })).count();
         assert_eq!(attitudes, 50, "that of the damaged place is none");
-        let want = Sample::from_euler(5_000_000, [3.0, -10.0, 90.0].map(f64::to_radians));
+        let want = FlightSample::from_euler(5_000_000, [3.0, -10.0, 90.0].map(f64::to_radians));
         assert_eq!(samples[0], want);
         let place = [47.3769, 8.5417, 512.5];
         let velocity = [3.0, 4.0, -0.5];
-        assert_eq!(samples[1], Sample::Position { time_us: 5_000_000, place, velocity });
+        assert_eq!(samples[1], FlightSample::Position { time_us: 5_000_000, place, velocity });
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::traffic::{self, TrafficLine};
 use crate::detector::detection::{SHIFTS, Shift};
 use crate::detector::{Detection, Detections, MAX_DETECTIONS};
 use crate::image::Rect;
-use crate::registration::global_motion::Motion;
+use crate::registration::global_motion::GlobalMotion;
 use crate::shell::support::file_error::FileError;
 use crate::tracking::traffic::Traffic;
 use core::fmt;
@@ -27,7 +27,7 @@ pub type Box4 = [f64; 4];
 
 /// A detection as written to a file.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
+pub struct DetectionRecord {
     /// The frame, from 1.
     pub frame: u64,
     /// Its box.
@@ -81,8 +81,8 @@ pub fn rect(detection: &Detection) -> [Decimal; 4] {
 }
 
 /// The detections of a frame as they read in a file.
-pub fn found(frame: u64, detections: &Detections) -> impl Iterator<Item = Found> + '_ {
-    detections.list.iter().map(move |d| Found {
+pub fn found(frame: u64, detections: &Detections) -> impl Iterator<Item = DetectionRecord> + '_ {
+    detections.list.iter().map(move |d| DetectionRecord {
         frame,
         rect: rect(d).map(Decimal::to_f64),
         score: Decimal::score(d.score).to_f64(),
@@ -144,7 +144,7 @@ struct FrameLine {
     kept: u32,
     dropped: u32,
     registered: bool,
-    /// [`crate::registration::global_motion::Motion::parameters`].
+    /// [`crate::registration::global_motion::GlobalMotion::parameters`].
     motion: [i32; 8],
     detections: Vec<DetectionLine>,
     /// Tracks, where objects are tracked.
@@ -236,8 +236,8 @@ impl FrameLine {
             dropped: self.dropped,
             registered: self.registered,
             motion: match self.registered {
-                true => Motion::new(width, height, self.motion),
-                false => Motion::IDENTITY,
+                true => GlobalMotion::new(width, height, self.motion),
+                false => GlobalMotion::IDENTITY,
             },
             ..Detections::default()
         }
@@ -248,7 +248,7 @@ impl FrameLine {
 ///
 /// # Errors
 /// [`FileError::Read`], or [`FormatError::Line`] naming the line.
-pub fn read_mot(path: &Path) -> Result<Vec<Found>, FormatError> {
+pub fn read_mot(path: &Path) -> Result<Vec<DetectionRecord>, FormatError> {
     let text = fs::read_to_string(path).map_err(FileError::read(path))?;
     let mut found = Vec::new();
     for (index, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
@@ -262,7 +262,7 @@ pub fn read_mot(path: &Path) -> Result<Vec<Found>, FormatError> {
     Ok(found)
 }
 
-fn parse_mot_line(line: &str) -> Result<Found, String> {
+fn parse_mot_line(line: &str) -> Result<DetectionRecord, String> {
     let fields = line
         .split(',')
         .map(|field| {
@@ -279,7 +279,7 @@ fn parse_mot_line(line: &str) -> Result<Found, String> {
     if !(1.0..=u32::MAX.into()).contains(&frame) {
         return Err(format!("frame {frame}; frames count from 1"));
     }
-    Ok(Found { frame: frame as u64, rect: [left, top, width, height], score })
+    Ok(DetectionRecord { frame: frame as u64, rect: [left, top, width, height], score })
 }
 
 #[cfg(test)]

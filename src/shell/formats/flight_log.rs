@@ -3,7 +3,7 @@
 //! The form is that of the first bytes. Attitude and position of the autopilots' own logs become the MAVLink messages
 //! that a telemetry log would hold, from system 1, with a heartbeat a second, so that all that follows is the same.
 
-use super::flight_sample::{FlightLogError, Sample};
+use super::flight_sample::{FlightLogError, FlightSample};
 use super::timeline::Timeline;
 use super::tlog::Reader;
 use super::{dataflash, ulog};
@@ -33,7 +33,7 @@ pub fn open(path: &Path) -> Result<Messages, FlightLogError> {
     let mut start = Vec::new();
     let mut file = File::open(path).map_err(failed)?;
     file.by_ref().take(ulog::MAGIC.len() as u64).read_to_end(&mut start).map_err(failed)?;
-    let read: fn(&Path, &[u8]) -> Result<Vec<Sample>, FlightLogError> = match &start[..] {
+    let read: fn(&Path, &[u8]) -> Result<Vec<FlightSample>, FlightLogError> = match &start[..] {
         start if start.starts_with(&dataflash::MAGIC) => dataflash::read,
         start if *start == ulog::MAGIC => ulog::read,
         _ => {
@@ -53,7 +53,7 @@ pub fn open(path: &Path) -> Result<Messages, FlightLogError> {
 }
 
 /// The messages of samples, with heartbeats.
-fn messages(samples: &[Sample], autopilot: MavAutopilot) -> Vec<(i64, MAVLinkMessageRaw)> {
+fn messages(samples: &[FlightSample], autopilot: MavAutopilot) -> Vec<(i64, MAVLinkMessageRaw)> {
     let mut all = Vec::new();
     let mut sequence = 0u8;
     let mut beat_us = None;

@@ -32,7 +32,7 @@ pub enum FlightLogError {
 
 /// Attitude or position of the vehicle at one time of the autopilot's clock, microseconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Sample {
+pub enum FlightSample {
     /// Rotation from body (forward, right, down) to north, east, down: unit quaternion w, x, y, z.
     Attitude {
         /// Time of measurement.
@@ -51,7 +51,7 @@ pub enum Sample {
     },
 }
 
-impl Sample {
+impl FlightSample {
     /// From roll, pitch and yaw in radians, applied in the order yaw, pitch, roll.
     pub fn from_euler(time_us: i64, [roll, pitch, yaw]: [f64; 3]) -> Self {
         let ((sr, cr), (sp, cp), (sy, cy)) =

@@ -8,7 +8,7 @@
 //! the next one every byte is tried. Times in another byte order or unit are refused; a clock that was set while the log
 //! was written is the matter of `timeline`.
 
-use crate::mavlink::dialect::{Frames, MavMessage};
+use crate::mavlink::dialect::{ArduPilotFrames, MavMessage};
 use mavlink_core::consts::{self, MAX_FRAME_SIZE};
 use mavlink_core::error::ParserError;
 use mavlink_core::{
@@ -105,7 +105,7 @@ fn frame_len(bytes: &[u8]) -> Option<usize> {
         MAVLinkMessageRaw::V1(raw) => raw.raw_bytes().len(),
         MAVLinkMessageRaw::V2(raw) => raw.raw_bytes().len(),
     };
-    (len <= bytes.len() && Frames::has_valid_crc(&raw)).then_some(len)
+    (len <= bytes.len() && ArduPilotFrames::has_valid_crc(&raw)).then_some(len)
 }
 
 fn big_endian(bytes: &[u8]) -> u64 {

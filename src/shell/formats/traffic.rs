@@ -1,6 +1,6 @@
 //! Traffic as JSON and in words.
 
-use crate::tracking::traffic::{Direction, Estimate, Level, Traffic};
+use crate::tracking::traffic::{AlertLevel, Direction, Estimate, Traffic};
 use serde::Serialize;
 use std::string::String;
 use std::{format, vec::Vec};
@@ -56,12 +56,12 @@ pub fn lines(traffic: &[Traffic]) -> Vec<TrafficLine> {
 }
 
 /// The word for a level.
-pub fn name(level: Level) -> &'static str {
+pub fn name(level: AlertLevel) -> &'static str {
     match level {
-        Level::None => "none",
-        Level::Traffic => "traffic",
-        Level::Caution => "caution",
-        Level::Warning => "warning",
+        AlertLevel::None => "none",
+        AlertLevel::Traffic => "traffic",
+        AlertLevel::Caution => "caution",
+        AlertLevel::Warning => "warning",
     }
 }
 

@@ -28,12 +28,12 @@ pub struct FrameTruth {
     /// Roll, pitch (nose up), yaw (to the right) of the camera.
     pub attitude: [f64; 3],
     /// Targets in the frame.
-    pub targets: Vec<Target>,
+    pub targets: Vec<TargetRow>,
 }
 
 /// Another aircraft in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Target {
+pub struct TargetRow {
     /// Its number in `gt.txt`.
     pub id: i64,
     /// Bearing from north to the right, radians.
@@ -46,7 +46,7 @@ pub struct Target {
     pub time_to_contact: Option<f64>,
 }
 
-impl Target {
+impl TargetRow {
     /// Unit vector: north, east, down.
     pub fn direction(&self) -> [f64; 3] {
         let ((sa, ca), (se, ce)) = (self.azimuth.sin_cos(), self.elevation.sin_cos());
@@ -71,7 +71,7 @@ pub fn read(path: &Path) -> Result<BTreeMap<u64, FrameTruth>, FormatError> {
     Ok(frames)
 }
 
-fn parse(line: &str) -> Result<(u64, [f64; 3], Option<Target>), String> {
+fn parse(line: &str) -> Result<(u64, [f64; 3], Option<TargetRow>), String> {
     let fields: Vec<&str> = line.split(',').map(str::trim).collect();
     let number = |i: usize| {
         let text = fields.get(i).copied().unwrap_or_default();
@@ -86,7 +86,7 @@ fn parse(line: &str) -> Result<(u64, [f64; 3], Option<Target>), String> {
     if fields.get(5).is_none_or(|id| id.is_empty()) {
         return Ok((frame as u64, attitude, None));
     }
-    let target = Target {
+    let target = TargetRow {
         id: number(5)? as i64,
         azimuth: number(6)?,
         elevation: number(7)?,

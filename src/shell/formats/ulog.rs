@@ -3,7 +3,7 @@
 //! A header of 16 bytes, then messages: size (u16), type (u8), content, little-endian. `F` declares a format, `A` gives it
 //! a number, `D` is data of that number. Source: <https://docs.px4.io/main/en/dev_log/ulog_file_format.html>.
 
-use super::flight_sample::{FlightLogError, Sample};
+use super::flight_sample::{FlightLogError, FlightSample};
 use std::collections::HashMap;
 use std::path::Path;
 use std::string::String;
@@ -19,7 +19,7 @@ const DEPTH: usize = 4;
 const ELEMENTS: usize = 64;
 
 /// Fields of a format: name, type, place in bytes.
-type Fields = Vec<(String, String, usize)>;
+type FormatFields = Vec<(String, String, usize)>;
 
 /// Bytes of a basic type.
 fn size(kind: &str) -> Option<usize> {
@@ -59,8 +59,8 @@ fn declaration(field: &str) -> Option<(&str, usize, &str)> {
 }
 
 /// The fields of basic types; `q[2]` is the third element of q.
-fn fields(formats: &HashMap<String, String>, name: &str) -> Option<Fields> {
-    let mut all = Fields::new();
+fn fields(formats: &HashMap<String, String>, name: &str) -> Option<FormatFields> {
+    let mut all = FormatFields::new();
     let mut at = 0;
     for field in formats.get(name)?.split(';').filter(|field| !field.trim().is_empty()) {
         let (kind, count, name) = declaration(field)?;
@@ -90,7 +90,7 @@ fn number(kind: &str, bytes: &[u8]) -> Option<f64> {
 /// Data of one subscription.
 struct Topic {
     name: String,
-    fields: Fields,
+    fields: FormatFields,
 }
 
 impl Topic {
@@ -104,7 +104,7 @@ impl Topic {
 ///
 /// # Errors
 /// [`FlightLogError::Nothing`] where there is neither attitude nor position.
-pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>, FlightLogError> {
+pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<FlightSample>, FlightLogError> {
     let mut formats = HashMap::new();
     let mut topics: HashMap<u16, Topic> = HashMap::new();
     let mut samples = Vec::new();
@@ -148,7 +148,7 @@ pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>, FlightLogError> {
                         if let (Some(w), Some(rest)) = (get("q[0]"), all(["q[1]", "q[2]", "q[3]"]))
                         {
                             let quaternion = [w, rest[0], rest[1], rest[2]];
-                            samples.push(Sample::Attitude { time_us, quaternion });
+                            samples.push(FlightSample::Attitude { time_us, quaternion });
                         }
                     }
                     "vehicle_local_position" => {
@@ -156,7 +156,7 @@ pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>, FlightLogError> {
                     }
                     "vehicle_global_position" => {
                         if let Some(place) = all(["lat", "lon", "alt"]) {
-                            samples.push(Sample::Position { time_us, place, velocity });
+                            samples.push(FlightSample::Position { time_us, place, velocity });
                         }
                     }
                     _ => {}
@@ -228,9 +228,9 @@ pub(super) mod tests {
         let samples = read(Path::new("a.ulg"), &log()).unwrap();
         assert_eq!(samples.len(), 100);
         let quaternion = [0.5, 0.5, -0.5, 0.5];
-        assert_eq!(samples[0], Sample::Attitude { time_us: 5_000_000, quaternion });
+        assert_eq!(samples[0], FlightSample::Attitude { time_us: 5_000_000, quaternion });
         let (place, velocity) = ([47.3769, 8.5417, 512.5], [3.0, 4.0, -0.5]);
-        assert_eq!(samples[1], Sample::Position { time_us: 5_000_000, place, velocity });
+        assert_eq!(samples[1], FlightSample::Position { time_us: 5_000_000, place, velocity });
     }
 
     proptest! {

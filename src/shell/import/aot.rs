@@ -5,7 +5,7 @@
 //! without a picture on this disk are left out of the sequence, with their labels, so that a part of a flight can be
 //! imported.
 
-use super::{Frames, ImportError, Label, Sequence};
+use super::{ImportError, LabelledBox, Sequence, SequenceFrames};
 use serde::Deserialize;
 use std::borrow::ToOwned;
 use std::collections::BTreeMap;
@@ -15,12 +15,12 @@ use std::string::String;
 use std::vec::Vec;
 
 #[derive(Debug, Deserialize)]
-struct Document {
-    samples: BTreeMap<String, Flight>,
+struct AotFile {
+    samples: BTreeMap<String, AotFlight>,
 }
 
 #[derive(Debug, Deserialize)]
-struct Flight {
+struct AotFlight {
     #[serde(default)]
     metadata: Metadata,
     #[serde(default)]
@@ -44,11 +44,11 @@ struct Entity {
     id: Option<String>,
     bb: Option<[f64; 4]>,
     img_name: Option<String>,
-    blob: Option<Blob>,
+    blob: Option<AotBlob>,
 }
 
 #[derive(Debug, Deserialize)]
-struct Blob {
+struct AotBlob {
     frame: Option<i64>,
 }
 
@@ -63,14 +63,14 @@ pub fn read(source: &Path) -> Result<Vec<Sequence>, ImportError> {
 
 fn of_file(path: &Path, root: &Path) -> Result<Vec<Sequence>, ImportError> {
     let bytes = fs::read(path).map_err(ImportError::read(path))?;
-    let document: Document = serde_json::from_slice(&bytes)
+    let document: AotFile = serde_json::from_slice(&bytes)
         .map_err(|source| ImportError::Json { path: path.into(), source })?;
     document.samples.into_iter().map(|(name, flight)| sequence(name, flight, root, path)).collect()
 }
 
 fn sequence(
     name: String,
-    flight: Flight,
+    flight: AotFlight,
     root: &Path,
     path: &Path,
 ) -> Result<Sequence, ImportError> {
@@ -109,7 +109,7 @@ fn sequence(
             let next = numbers.len() as i64 + 1;
             let number = *numbers.entry(id).or_insert(next);
             let class = id.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned();
-            labels.push(Label { frame, id: Some(number), rect, class, visibility: 1.0 });
+            labels.push(LabelledBox { frame, id: Some(number), rect, class, visibility: 1.0 });
         }
     }
     let pictures: Option<Vec<PathBuf>> = frames.keys().map(|(_, picture)| file(picture)).collect();
@@ -118,7 +118,7 @@ fn sequence(
         length: Some(frames.len() as u64),
         rate: flight.metadata.fps,
         size: flight.metadata.resolution.map(|r| (r.width as u32, r.height as u32)),
-        frames: pictures.filter(|_| any).map_or(Frames::Missing, Frames::Pictures),
+        frames: pictures.filter(|_| any).map_or(SequenceFrames::Missing, SequenceFrames::Pictures),
         labels,
     })
 }

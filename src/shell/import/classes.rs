@@ -117,7 +117,7 @@ pub fn numbered(number: impl ToString) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Label;
+    use super::super::LabelledBox;
     use super::*;
     use std::vec;
 
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn unknown_classes_are_listed() {
-        let label = |class: &str| Label {
+        let label = |class: &str| LabelledBox {
             frame: 1,
             id: None,
             rect: [0.0, 0.0, 9.0, 9.0],

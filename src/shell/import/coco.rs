@@ -3,7 +3,7 @@
 //!
 //! Boxes are left, top, width, height from 0. `iscrowd` or `ignore` boxes are not to be evaluated.
 
-use super::{Frames, ImportError, Label, Sequence, pictures};
+use super::{ImportError, LabelledBox, Sequence, SequenceFrames, pictures};
 use serde::Deserialize;
 use std::borrow::ToOwned;
 use std::collections::BTreeMap;
@@ -13,16 +13,16 @@ use std::string::{String, ToString};
 use std::vec::Vec;
 
 #[derive(Debug, Deserialize)]
-struct Document {
-    images: Vec<ImageRow>,
-    annotations: Vec<Annotation>,
+struct CocoFile {
+    images: Vec<CocoImage>,
+    annotations: Vec<CocoAnnotation>,
     categories: Vec<Named>,
     #[serde(default)]
     videos: Vec<Named>,
 }
 
 #[derive(Debug, Deserialize)]
-struct ImageRow {
+struct CocoImage {
     id: i64,
     file_name: String,
     width: Option<f64>,
@@ -33,7 +33,7 @@ struct ImageRow {
 }
 
 #[derive(Debug, Deserialize)]
-struct Annotation {
+struct CocoAnnotation {
     image_id: i64,
     category_id: i64,
     bbox: [f64; 4],
@@ -63,11 +63,11 @@ pub fn read(source: &Path) -> Result<Vec<Sequence>, ImportError> {
 fn of_file(path: &Path, root: &Path) -> Result<Vec<Sequence>, ImportError> {
     let bytes = fs::read(path).map_err(ImportError::read(path))?;
     let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(&bytes);
-    let document: Document = serde_json::from_slice(bytes)
+    let document: CocoFile = serde_json::from_slice(bytes)
         .map_err(|source| ImportError::Json { path: path.into(), source })?;
     let categories: BTreeMap<i64, &str> =
         document.categories.iter().map(|c| (c.id, c.name.as_str())).collect();
-    let mut labels: BTreeMap<i64, Vec<Label>> = BTreeMap::new();
+    let mut labels: BTreeMap<i64, Vec<LabelledBox>> = BTreeMap::new();
     let wrong = |what, value: String, expected| ImportError::Value {
         path: path.into(),
         line: None,
@@ -86,7 +86,7 @@ fn of_file(path: &Path, root: &Path) -> Result<Vec<Sequence>, ImportError> {
             return Err(wrong("bbox", text, "width and height above 0"));
         }
         let counts = annotation.iscrowd == 0.0 && annotation.ignore == 0.0;
-        labels.entry(annotation.image_id).or_default().push(Label {
+        labels.entry(annotation.image_id).or_default().push(LabelledBox {
             frame: 0,
             id: annotation.instance_id,
             rect: annotation.bbox,
@@ -97,8 +97,8 @@ fn of_file(path: &Path, root: &Path) -> Result<Vec<Sequence>, ImportError> {
     let there = Places::new(root)?;
     let videos: BTreeMap<i64, &str> =
         document.videos.iter().map(|v| (v.id, v.name.as_str())).collect();
-    let mut by_video: BTreeMap<i64, Vec<&ImageRow>> = BTreeMap::new();
-    let mut singles: BTreeMap<PathBuf, &ImageRow> = BTreeMap::new();
+    let mut by_video: BTreeMap<i64, Vec<&CocoImage>> = BTreeMap::new();
+    let mut singles: BTreeMap<PathBuf, &CocoImage> = BTreeMap::new();
     for image in &document.images {
         match image.video_id {
             Some(video) => by_video.entry(video).or_default().push(image),
@@ -112,7 +112,7 @@ fn of_file(path: &Path, root: &Path) -> Result<Vec<Sequence>, ImportError> {
         sequences.push(sequence(name, &images, &labels, &there));
     }
     for (name, files) in pictures::sequences(singles.keys().cloned().collect()) {
-        let images: Vec<&ImageRow> = files.iter().map(|file| singles[file]).collect();
+        let images: Vec<&CocoImage> = files.iter().map(|file| singles[file]).collect();
         sequences.push(sequence(name, &images, &labels, &there));
     }
     Ok(sequences)
@@ -120,8 +120,8 @@ fn of_file(path: &Path, root: &Path) -> Result<Vec<Sequence>, ImportError> {
 
 fn sequence(
     name: String,
-    images: &[&ImageRow],
-    labels: &BTreeMap<i64, Vec<Label>>,
+    images: &[&CocoImage],
+    labels: &BTreeMap<i64, Vec<LabelledBox>>,
     there: &Places,
 ) -> Sequence {
     let files: Option<Vec<PathBuf>> = images.iter().map(|i| there.find(&i.file_name)).collect();
@@ -129,11 +129,11 @@ fn sequence(
     let mut all = Vec::new();
     for (image, frame) in images.iter().zip(1..) {
         let own = labels.get(&image.id).into_iter().flatten();
-        all.extend(own.map(|label| Label { frame, ..label.clone() }));
+        all.extend(own.map(|label| LabelledBox { frame, ..label.clone() }));
     }
     Sequence {
         name,
-        frames: files.map_or(Frames::Missing, Frames::Pictures),
+        frames: files.map_or(SequenceFrames::Missing, SequenceFrames::Pictures),
         length: Some(images.len() as u64),
         size: size.map(|(width, height)| (width as u32, height as u32)),
         labels: all,

@@ -3,7 +3,7 @@
 //! Frames count from 0 there. `outside` boxes are left out, `occluded` ones are partly seen.
 
 use super::xml::{self, Xml};
-use super::{Frames, ImportError, Label, Sequence, pictures};
+use super::{ImportError, LabelledBox, Sequence, SequenceFrames, pictures};
 use crate::shell::sources;
 use roxmltree::Node;
 use std::borrow::ToOwned;
@@ -76,7 +76,11 @@ fn of_video(
             }
             let label = boxed(xml, node, class)?;
             // Numbers from 1: 0 is a number of no object in MOTChallenge text.
-            sequence.labels.push(Label { frame: frame as u64 + 1, id: Some(id + 1), ..label });
+            sequence.labels.push(LabelledBox {
+                frame: frame as u64 + 1,
+                id: Some(id + 1),
+                ..label
+            });
         }
     }
     sequence.labels.sort_by_key(|label| label.frame);
@@ -84,18 +88,22 @@ fn of_video(
 }
 
 /// The video that the XML names or that has its name, else the one video or the pictures beside it.
-fn frames(folder: &Path, source: Option<&str>, stem: &str) -> Result<Frames, ImportError> {
+fn frames(folder: &Path, source: Option<&str>, stem: &str) -> Result<SequenceFrames, ImportError> {
     let named = source.map(|source| folder.join(Path::new(source).file_name().unwrap_or_default()));
     if let Some(video) = named.filter(|path| sources::is_video(path)) {
-        return Ok(Frames::Video(video));
+        return Ok(SequenceFrames::Video(video));
     }
     let videos = pictures::files(folder, &["mp4", "avi", "mkv", "mov", "webm"])?;
     let own = |video: &&PathBuf| video.file_stem().is_some_and(|s| s.to_string_lossy() == stem);
     if let Some(video) = videos.iter().find(own).or(videos.first().filter(|_| videos.len() == 1)) {
-        return Ok(Frames::Video(video.clone()));
+        return Ok(SequenceFrames::Video(video.clone()));
     }
     let pictures = pictures::below(folder)?;
-    Ok(if pictures.is_empty() { Frames::Missing } else { Frames::Pictures(pictures) })
+    Ok(if pictures.is_empty() {
+        SequenceFrames::Missing
+    } else {
+        SequenceFrames::Pictures(pictures)
+    })
 }
 
 fn of_images(
@@ -104,7 +112,7 @@ fn of_images(
     folder: &Path,
 ) -> Result<Vec<Sequence>, ImportError> {
     let there = pictures::below(folder)?;
-    let mut images: BTreeMap<PathBuf, (bool, Vec<Label>)> = BTreeMap::new();
+    let mut images: BTreeMap<PathBuf, (bool, Vec<LabelledBox>)> = BTreeMap::new();
     let mut size = None;
     for image in xml::children(root, "image") {
         let name = image.attribute("name");
@@ -117,7 +125,7 @@ fn of_images(
             let class = node.attribute("label");
             boxed(xml, node, class.ok_or_else(|| xml.wrong(node, "label", None, "the class"))?)
         });
-        let boxes = boxes.collect::<Result<Vec<Label>, ImportError>>()?;
+        let boxes = boxes.collect::<Result<Vec<LabelledBox>, ImportError>>()?;
         let file = there.iter().find(|path| path.ends_with(name));
         let path = file.cloned().unwrap_or_else(|| folder.join(name));
         images.insert(path, (file.is_some(), boxes));
@@ -126,18 +134,19 @@ fn of_images(
     let sequence = |(name, files): (String, Vec<PathBuf>)| {
         let mut labels = Vec::new();
         for (path, frame) in files.iter().zip(1..) {
-            labels.extend(images[path].1.iter().map(|label| Label { frame, ..label.clone() }));
+            labels
+                .extend(images[path].1.iter().map(|label| LabelledBox { frame, ..label.clone() }));
         }
         let length = Some(files.len() as u64);
         let all = files.iter().all(|path| images[path].0);
-        let frames = if all { Frames::Pictures(files) } else { Frames::Missing };
+        let frames = if all { SequenceFrames::Pictures(files) } else { SequenceFrames::Missing };
         Sequence { name, frames, length, size, labels, ..Sequence::default() }
     };
     Ok(pictures::sequences(paths).into_iter().map(sequence).collect())
 }
 
 /// A box by its corners.
-fn boxed(xml: &Xml<'_>, node: Node<'_, '_>, class: &str) -> Result<Label, ImportError> {
+fn boxed(xml: &Xml<'_>, node: Node<'_, '_>, class: &str) -> Result<LabelledBox, ImportError> {
     let (left, top) = (xml.attribute(node, "xtl")?, xml.attribute(node, "ytl")?);
     let (width, height) = (xml.attribute(node, "xbr")? - left, xml.attribute(node, "ybr")? - top);
     if width <= 0.0 || height <= 0.0 {
@@ -146,5 +155,5 @@ fn boxed(xml: &Xml<'_>, node: Node<'_, '_>, class: &str) -> Result<Label, Import
     let occluded = node.attribute("occluded") == Some("1");
     let visibility = if occluded { 0.5 } else { 1.0 };
     let rect = [left, top, width, height];
-    Ok(Label { frame: 0, id: None, rect, class: class.to_owned(), visibility })
+    Ok(LabelledBox { frame: 0, id: None, rect, class: class.to_owned(), visibility })
 }

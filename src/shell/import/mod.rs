@@ -33,7 +33,7 @@ use std::{eprintln, format};
 pub struct ImportArgs {
     /// Form of the labels
     #[arg(value_name = "FORM", value_enum)]
-    form: Form,
+    form: LabelFormat,
     /// The data set: its top folder, or the file with the labels
     #[arg(value_name = "SRC")]
     source: PathBuf,
@@ -54,7 +54,7 @@ pub struct ImportArgs {
 
 /// Forms of labels that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Form {
+pub enum LabelFormat {
     /// A text file per picture with `class x y width height` relative to the picture (Ultralytics, Darknet)
     Yolo,
     /// JSON with images, annotations and categories; with `video_id` and `frame_id` (CocoVID) by video
@@ -75,7 +75,7 @@ pub struct Sequence {
     /// Name, made fit for a folder when written.
     pub name: String,
     /// Where its frames are.
-    pub frames: Frames,
+    pub frames: SequenceFrames,
     /// Frames a second, where known.
     pub rate: Option<f64>,
     /// Number of frames, where known.
@@ -83,12 +83,12 @@ pub struct Sequence {
     /// Size of the frames in pixels, where known.
     pub size: Option<(u32, u32)>,
     /// The labels, in the order of the file.
-    pub labels: Vec<Label>,
+    pub labels: Vec<LabelledBox>,
 }
 
 /// Where the frames of a sequence are.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub enum Frames {
+pub enum SequenceFrames {
     /// Nowhere that was found: the clip is written with labels alone.
     #[default]
     Missing,
@@ -100,7 +100,7 @@ pub enum Frames {
 
 /// One labelled box.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Label {
+pub struct LabelledBox {
     /// The frame, from 1.
     pub frame: u64,
     /// Number of the object within the sequence; none where the data set follows no objects.
@@ -185,14 +185,14 @@ pub fn run(args: &ImportArgs) -> Result<Ended, ImportError> {
 ///
 /// # Errors
 /// [`ImportError`] naming the file and what is wrong in it.
-pub fn read(form: Form, source: &Path) -> Result<Vec<Sequence>, ImportError> {
+pub fn read(form: LabelFormat, source: &Path) -> Result<Vec<Sequence>, ImportError> {
     let mut sequences = match form {
-        Form::Yolo => yolo::read(source),
-        Form::Coco => coco::read(source),
-        Form::Mot => mot::read(source),
-        Form::Cvat => cvat::read(source),
-        Form::Voc => voc::read(source),
-        Form::Aot => aot::read(source),
+        LabelFormat::Yolo => yolo::read(source),
+        LabelFormat::Coco => coco::read(source),
+        LabelFormat::Mot => mot::read(source),
+        LabelFormat::Cvat => cvat::read(source),
+        LabelFormat::Voc => voc::read(source),
+        LabelFormat::Aot => aot::read(source),
     }?;
     sequences.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(sequences)

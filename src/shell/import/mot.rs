@@ -3,7 +3,7 @@
 //! Classes 1 to 4 (and -1, not given) are ours unless the table maps the numbers, so that the program's own `gt.txt` can
 //! be read, too. Rows with `conf` 0 are not to be evaluated.
 
-use super::{Frames, ImportError, Label, Sequence, classes, pictures};
+use super::{ImportError, LabelledBox, Sequence, SequenceFrames, classes, pictures};
 use crate::shell::formats::class::Class;
 use crate::shell::formats::seqinfo::SeqInfo;
 use crate::shell::sources;
@@ -31,10 +31,10 @@ fn sequence(path: &Path) -> Result<Sequence, ImportError> {
     let info = SeqInfo::beside(folder)?;
     let named = folder.join(info.directory.as_deref().unwrap_or("img1"));
     let frames = match sources::clip_input(folder) {
-        _ if named.is_dir() => Frames::Pictures(ordered(&named)?),
-        Some(found) if found.is_dir() => Frames::Pictures(ordered(&found)?),
-        Some(video) => Frames::Video(video),
-        None => Frames::Missing,
+        _ if named.is_dir() => SequenceFrames::Pictures(ordered(&named)?),
+        Some(found) if found.is_dir() => SequenceFrames::Pictures(ordered(&found)?),
+        Some(video) => SequenceFrames::Video(video),
+        None => SequenceFrames::Missing,
     };
     let full = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
     let text = fs::read_to_string(path).map_err(ImportError::read(path))?;
@@ -70,7 +70,7 @@ fn ordered(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
 const FIELDS: [&str; 9] =
     ["frame", "id", "left", "top", "width", "height", "conf", "class", "visibility"];
 
-fn parse(line: &str, path: &Path, number: u32) -> Result<Label, ImportError> {
+fn parse(line: &str, path: &Path, number: u32) -> Result<LabelledBox, ImportError> {
     let fields: Vec<&str> = line.split(',').map(str::trim).collect();
     let wrong = |what, value: &str, expected| ImportError::Value {
         path: path.into(),
@@ -96,7 +96,7 @@ fn parse(line: &str, path: &Path, number: u32) -> Result<Label, ImportError> {
     let (conf, visibility) = (value(6, Some(1.0))?, value(8, Some(1.0))?);
     let class = value(7, Some(-1.0))? as i64;
     let seen = if visibility < 0.0 { 1.0 } else { visibility.min(1.0) };
-    Ok(Label {
+    Ok(LabelledBox {
         frame: frame as u64,
         id: Some(value(1, None)? as i64),
         rect,

@@ -5,7 +5,7 @@
 //! seen.
 
 use super::xml::{self, Xml};
-use super::{Frames, ImportError, Label, Sequence, pictures};
+use super::{ImportError, LabelledBox, Sequence, SequenceFrames, pictures};
 use std::borrow::ToOwned;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use std::vec::Vec;
 /// # Errors
 /// [`ImportError`] naming file, line and field.
 pub fn read(source: &Path) -> Result<Vec<Sequence>, ImportError> {
-    let mut labels: BTreeMap<String, (PathBuf, Vec<Label>)> = BTreeMap::new();
+    let mut labels: BTreeMap<String, (PathBuf, Vec<LabelledBox>)> = BTreeMap::new();
     let mut size = BTreeMap::new();
     for path in pictures::files(source, &["xml"])? {
         let text = xml::text(&path)?;
@@ -32,7 +32,7 @@ pub fn read(source: &Path) -> Result<Vec<Sequence>, ImportError> {
             size.insert(stem.clone(), pixels);
         }
         let objects = xml::children(root, "object").map(|node| object(&xml, node));
-        let objects = objects.collect::<Result<Vec<Label>, ImportError>>()?;
+        let objects = objects.collect::<Result<Vec<LabelledBox>, ImportError>>()?;
         labels.insert(stem, (path.clone(), objects));
     }
     if labels.is_empty() {
@@ -54,16 +54,17 @@ pub fn read(source: &Path) -> Result<Vec<Sequence>, ImportError> {
         for (stem, frame) in stems.zip(1..) {
             sequence.size = sequence.size.or_else(|| size.get(stem.as_ref()).copied());
             let labels = labels.get(stem.as_ref()).into_iter().flat_map(|(_, labels)| labels);
-            sequence.labels.extend(labels.map(|label| Label { frame, ..label.clone() }));
+            sequence.labels.extend(labels.map(|label| LabelledBox { frame, ..label.clone() }));
         }
         sequence.length = Some(files.len() as u64);
-        sequence.frames = if missing { Frames::Missing } else { Frames::Pictures(files) };
+        sequence.frames =
+            if missing { SequenceFrames::Missing } else { SequenceFrames::Pictures(files) };
         sequence
     };
     Ok(pictures::sequences(frames).into_iter().map(sequence).collect())
 }
 
-fn object(xml: &Xml<'_>, node: roxmltree::Node<'_, '_>) -> Result<Label, ImportError> {
+fn object(xml: &Xml<'_>, node: roxmltree::Node<'_, '_>) -> Result<LabelledBox, ImportError> {
     let text = |name: &str| xml::child(node, name).and_then(|child| child.text()).map(str::trim);
     let class = text("name").ok_or_else(|| xml.wrong(node, "name", None, "the class"))?.to_owned();
     let bounds = xml::child(node, "bndbox");
@@ -80,5 +81,5 @@ fn object(xml: &Xml<'_>, node: roxmltree::Node<'_, '_>) -> Result<Label, ImportE
         (false, true) => 0.5,
         (false, false) => 1.0,
     };
-    Ok(Label { frame: 0, id: None, rect: [left, top, width, height], class, visibility })
+    Ok(LabelledBox { frame: 0, id: None, rect: [left, top, width, height], class, visibility })
 }

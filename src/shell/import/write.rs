@@ -1,7 +1,7 @@
 //! Sequences as clips: links to their frames, labels in `gt.txt`, rate and size in `seqinfo.ini`.
 
 use super::classes::Mapped;
-use super::{ClassMap, Frames, ImportError, Sequence};
+use super::{ClassMap, ImportError, Sequence, SequenceFrames};
 use crate::shell::formats::class::Class;
 use crate::shell::formats::ground_truth::{GroundTruth, TruthBox};
 use crate::shell::formats::seqinfo::SeqInfo;
@@ -13,7 +13,7 @@ use std::{format, fs, io};
 
 /// Counts of clips and labels that were written.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Written {
+pub struct ImportCounts {
     /// Number of clips.
     pub clips: usize,
     /// Number of boxes in `gt.txt`.
@@ -35,7 +35,7 @@ pub fn clips(
     map: &ClassMap,
     out: &Path,
     copy: bool,
-) -> Result<Written, ImportError> {
+) -> Result<ImportCounts, ImportError> {
     map.check(sequences)?;
     let mut names = BTreeSet::new();
     for sequence in sequences {
@@ -48,7 +48,7 @@ pub fn clips(
             return Err(ImportError::SameName { name });
         }
     }
-    let mut written = Written::default();
+    let mut written = ImportCounts::default();
     for sequence in sequences {
         clip(sequence, map, out, copy, &mut written)?;
     }
@@ -68,7 +68,7 @@ fn clip(
     map: &ClassMap,
     out: &Path,
     copy: bool,
-    written: &mut Written,
+    written: &mut ImportCounts,
 ) -> Result<(), ImportError> {
     let name = folder_name(&sequence.name);
     let folder = out.join(&name);
@@ -81,14 +81,14 @@ fn clip(
         directory: None,
     };
     match &sequence.frames {
-        Frames::Missing => written.without_frames.push(name.clone()),
-        Frames::Video(video) => {
+        SequenceFrames::Missing => written.without_frames.push(name.clone()),
+        SequenceFrames::Video(video) => {
             let ending = video.extension().unwrap_or_default().to_string_lossy();
             link(video, &folder.join(format!("video.{ending}")), copy)?;
             // A video knows its own rate and length.
             (info.frame_rate, info.length) = (None, None);
         }
-        Frames::Pictures(pictures) => {
+        SequenceFrames::Pictures(pictures) => {
             let frames = folder.join("frames");
             fs::create_dir_all(&frames).map_err(ImportError::write(&frames))?;
             for (picture, number) in pictures.iter().zip(1..) {
@@ -110,7 +110,7 @@ fn clip(
 }
 
 /// The labels under our classes. Objects without numbers get new ones, each its own: no object can be followed there.
-fn ground_truth(sequence: &Sequence, map: &ClassMap, written: &mut Written) -> GroundTruth {
+fn ground_truth(sequence: &Sequence, map: &ClassMap, written: &mut ImportCounts) -> GroundTruth {
     let mut truth = GroundTruth::default();
     let highest = sequence.labels.iter().filter_map(|label| label.id).max().unwrap_or(0);
     let mut next = highest.max(0);

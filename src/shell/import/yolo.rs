@@ -4,7 +4,7 @@
 //! `images/.../NAME.jpg` has its labels in `labels/.../NAME.txt`, or in `NAME.txt` beside it; a picture without one shows
 //! nothing. Names of classes: `names:` in a YAML, or `classes.txt`, `obj.names`; without these the numbers are the names.
 
-use super::{Frames, ImportError, Label, Sequence, classes, pictures};
+use super::{ImportError, LabelledBox, Sequence, SequenceFrames, classes, pictures};
 use serde::Deserialize;
 use std::borrow::ToOwned;
 use std::collections::BTreeMap;
@@ -45,18 +45,18 @@ pub fn read(source: &Path) -> Result<Vec<Sequence>, ImportError> {
             for (line, number) in text.trim_start_matches('\u{feff}').lines().zip(1..) {
                 if !line.trim().is_empty() {
                     let label = parse(line, size, &names, &path, number)?;
-                    sequence.labels.push(Label { frame, ..label });
+                    sequence.labels.push(LabelledBox { frame, ..label });
                 }
             }
         }
         sequence.length = Some(files.len() as u64);
-        sequence.frames = Frames::Pictures(files);
+        sequence.frames = SequenceFrames::Pictures(files);
         sequences.push(sequence);
     }
     let same = same_names(&sequences);
     for sequence in sequences.iter_mut().filter(|s| same.contains(&s.name)) {
         // train/a and val/a are two clips.
-        let Frames::Pictures(files) = &sequence.frames else { continue };
+        let SequenceFrames::Pictures(files) = &sequence.frames else { continue };
         let folder = files.first().and_then(|file| file.parent()).and_then(Path::file_name);
         let folder = folder.unwrap_or_default().to_string_lossy();
         sequence.name = format!("{folder}_{}", sequence.name);
@@ -112,7 +112,7 @@ fn parse(
     names: &BTreeMap<u32, String>,
     path: &Path,
     number: u32,
-) -> Result<Label, ImportError> {
+) -> Result<LabelledBox, ImportError> {
     let fields: Vec<&str> = line.split_whitespace().collect();
     let wrong = |what, value: &str, expected| ImportError::Value {
         path: path.into(),
@@ -136,7 +136,7 @@ fn parse(
         return Err(wrong("width or height", line, "more than 0"));
     }
     let (across, down) = (f64::from(width), f64::from(height));
-    Ok(Label {
+    Ok(LabelledBox {
         frame: 0,
         id: fields.get(5).and_then(|text| text.parse::<i64>().ok()),
         rect: [(x - w / 2.0) * across, (y - h / 2.0) * down, w * across, h * down],
@@ -146,7 +146,7 @@ fn parse(
     .checked())
 }
 
-impl Label {
+impl LabelledBox {
     /// The same, with edges that a share's rounding put a thousandth beside whole pixels on them.
     fn checked(mut self) -> Self {
         for value in &mut self.rect {

@@ -26,7 +26,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use std::vec::Vec;
-use worker::{Shared, Worker};
+use worker::{LinkShared, Worker};
 
 /// Received frames that wait for the main loop at most; more are dropped and counted.
 const HEARD: usize = 1024;
@@ -62,9 +62,9 @@ pub struct LinkStatus {
     pub unheard: u32,
 }
 
-struct Link {
+struct OpenLink {
     spec: LinkSpec,
-    shared: Arc<Shared>,
+    shared: Arc<LinkShared>,
     budget: Budget,
     /// The next sequence number of each component that speaks.
     sequences: HashMap<u8, u8>,
@@ -83,7 +83,7 @@ pub fn try_open(spec: &LinkSpec) -> std::io::Result<()> {
 
 /// The open links; dropped, their threads end.
 pub struct Links {
-    links: Vec<Link>,
+    links: Vec<OpenLink>,
     /// Kept, so that the channel lives without links too.
     heard: Sender<Inbound>,
     inbound: Receiver<Inbound>,
@@ -124,8 +124,8 @@ impl Links {
         }
     }
 
-    fn start(&self, index: u8, spec: &LinkSpec) -> Link {
-        let shared = Arc::<Shared>::default();
+    fn start(&self, index: u8, spec: &LinkSpec) -> OpenLink {
+        let shared = Arc::<LinkShared>::default();
         let worker = Worker {
             index,
             spec: spec.clone(),
@@ -139,7 +139,7 @@ impl Links {
         if let Err(error) = &thread {
             tracing::error!("link {spec}: no thread for it: {error}");
         }
-        Link {
+        OpenLink {
             spec: spec.clone(),
             shared,
             budget: Budget::new(spec.bytes_per_second),

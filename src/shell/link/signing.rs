@@ -49,7 +49,7 @@ const STREAMS: usize = 256;
 const COMMANDS: [u32; 3] = [23, 75, 76];
 
 /// System, component and link that a frame names.
-type Stream = (u32, u8, u8);
+type SignedStream = (u32, u8, u8);
 
 /// The key, and the times of what was signed with it.
 #[derive(Debug)]
@@ -59,7 +59,7 @@ pub struct Signing {
     time: u64,
     /// The newest time of others.
     heard: u64,
-    streams: HashMap<Stream, u64>,
+    streams: HashMap<SignedStream, u64>,
     /// Whether one step of more than a day is still taken.
     may_step: bool,
     /// Whether a frame of the far future was refused.
@@ -112,7 +112,7 @@ pub fn read_key(path: &Path) -> io::Result<[u8; 32]> {
 }
 
 /// Reads the file of times.
-fn parse(text: &str) -> Option<(u64, HashMap<Stream, u64>)> {
+fn parse(text: &str) -> Option<(u64, HashMap<SignedStream, u64>)> {
     let time = |word: &str| word.parse().ok().filter(|&time: &u64| time <= LATEST);
     let mut lines = text.lines();
     let first = time(lines.next()?.trim())?;
@@ -169,7 +169,7 @@ impl Signing {
         key: [u8; 32],
         clock: u64,
         kept: u64,
-        streams: HashMap<Stream, u64>,
+        streams: HashMap<SignedStream, u64>,
         file: Option<TimeFile>,
     ) -> Self {
         let heard = streams.values().copied().max().unwrap_or(kept);

@@ -1,7 +1,7 @@
 use super::*;
 use crate::mavlink::component::parameters::Parameters;
-use crate::mavlink::component::{Component, Config, Priority};
-use crate::mavlink::dialect::{Frames, SYSTEM_TIME_DATA};
+use crate::mavlink::component::{Component, ComponentConfig, Priority};
+use crate::mavlink::dialect::{ArduPilotFrames, SYSTEM_TIME_DATA};
 use crate::mavlink::messages::Payload;
 use mavlink_core::MavlinkReader;
 use proptest::prelude::*;
@@ -61,7 +61,7 @@ fn hear(links: &mut Links, want: u32) -> u8 {
 fn numbers(bytes: &[u8]) -> Vec<u32> {
     let mut reader = MavlinkReader::new(bytes);
     let mut found = Vec::new();
-    while let Ok(frame) = reader.read_any_raw_message_with_dialect(&Frames) {
+    while let Ok(frame) = reader.read_any_raw_message_with_dialect(&ArduPilotFrames) {
         found.push(number(&frame));
     }
     found
@@ -233,7 +233,7 @@ fn a_thousand_garbage_bytes_a_second_and_a_flood() {
     eventually(|| links.status(0).connected);
     let peer = UdpSocket::bind("127.0.0.1:0").unwrap();
     let mut state = 1u32;
-    let mut component = Component::new(Config::default(), Parameters::default(), 0);
+    let mut component = Component::new(ComponentConfig::default(), Parameters::default(), 0);
     for i in 0..2000u32 {
         let garbage: Vec<u8> = (0..100)
             .map(|_| {

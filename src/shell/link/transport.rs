@@ -4,7 +4,7 @@
 //! comes in. Each peer has a decoder of its own: what one sends cannot hide a frame of another.
 
 use super::spec::Address;
-use crate::mavlink::dialect::Frames;
+use crate::mavlink::dialect::ArduPilotFrames;
 use mavlink_core::{MAVLinkMessageRaw, MavlinkReader};
 use serialport::SerialPort;
 use std::boxed::Box;
@@ -51,30 +51,30 @@ impl Read for Received {
 }
 
 /// Finds the frames in what one peer sends.
-struct Decoder {
+struct PeerDecoder {
     reader: MavlinkReader<Received>,
     /// When the last frame came that was accepted.
     heard: Option<Instant>,
 }
 
-impl fmt::Debug for Decoder {
+impl fmt::Debug for PeerDecoder {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Decoder").field("heard", &self.heard).finish_non_exhaustive()
     }
 }
 
-impl Default for Decoder {
+impl Default for PeerDecoder {
     fn default() -> Self {
         let reader = MavlinkReader::with_capacity(DECODED, Received::default());
         Self { reader, heard: None }
     }
 }
 
-impl Decoder {
+impl PeerDecoder {
     /// Hands the frames that are complete with `bytes` to `accept`.
     fn decode(&mut self, bytes: &[u8], accept: &mut Accept) {
         self.reader.get_mut().0.extend(bytes);
-        while let Ok(frame) = self.reader.read_any_raw_message_with_dialect(&Frames) {
+        while let Ok(frame) = self.reader.read_any_raw_message_with_dialect(&ArduPilotFrames) {
             if accept(frame) {
                 self.heard = Some(Instant::now());
             }
@@ -93,7 +93,7 @@ pub type Accept<'a> = dyn FnMut(MAVLinkMessageRaw) -> bool + 'a;
 #[derive(Debug)]
 pub struct UdpPeer {
     address: SocketAddr,
-    decoder: Decoder,
+    decoder: PeerDecoder,
     last: Instant,
 }
 
@@ -101,7 +101,7 @@ pub struct UdpPeer {
 #[derive(Debug)]
 pub struct TcpPeer {
     stream: TcpStream,
-    decoder: Decoder,
+    decoder: PeerDecoder,
     since: Instant,
 }
 
@@ -109,15 +109,15 @@ pub struct TcpPeer {
 #[derive(Debug)]
 enum Medium {
     /// Datagrams to and from one peer that is known beforehand.
-    UdpOut(UdpSocket, Decoder),
+    UdpOut(UdpSocket, PeerDecoder),
     /// Datagrams of whoever speaks to us.
     UdpIn(UdpSocket, Vec<UdpPeer>),
     /// A TCP connection.
-    Tcp(TcpStream, Decoder),
+    Tcp(TcpStream, PeerDecoder),
     /// Connections that come in.
     TcpIn(TcpListener, Vec<TcpPeer>),
     /// A serial port.
-    Serial(Box<dyn SerialPort>, Decoder),
+    Serial(Box<dyn SerialPort>, PeerDecoder),
 }
 
 /// An open link.
@@ -166,12 +166,12 @@ impl Transport {
                 let any = if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
                 let socket = udp(resolve(any)?)?;
                 socket.connect(peer)?;
-                Medium::UdpOut(socket, Decoder::default())
+                Medium::UdpOut(socket, PeerDecoder::default())
             }
             Address::UdpIn(place) => Medium::UdpIn(udp(resolve(place)?)?, Vec::new()),
             Address::TcpOut(place) => {
                 let stream = TcpStream::connect_timeout(&resolve(place)?, CONNECT)?;
-                Medium::Tcp(tcp(stream, READ)?, Decoder::default())
+                Medium::Tcp(tcp(stream, READ)?, PeerDecoder::default())
             }
             Address::TcpIn(place) => {
                 let listener = TcpListener::bind(place)?;
@@ -180,7 +180,7 @@ impl Transport {
             }
             Address::Serial { device, baud } => {
                 let port = serialport::new(device.as_str(), *baud).timeout(READ).open();
-                Medium::Serial(port.map_err(io::Error::from)?, Decoder::default())
+                Medium::Serial(port.map_err(io::Error::from)?, PeerDecoder::default())
             }
         };
         Ok(Self { medium, buffer: std::vec![0; BYTES].into() })
@@ -264,7 +264,7 @@ fn sender(senders: &mut Vec<UdpPeer>, address: SocketAddr) -> Option<&mut UdpPee
                 let unheard = (0..senders.len()).filter(|&i| !senders[i].decoder.is_heard());
                 senders.swap_remove(unheard.min_by_key(|&i| senders[i].last)?);
             }
-            senders.push(UdpPeer { address, decoder: Decoder::default(), last: now });
+            senders.push(UdpPeer { address, decoder: PeerDecoder::default(), last: now });
             senders.len() - 1
         }
     };
@@ -290,7 +290,11 @@ fn call(
             callers.remove(oldest);
         }
         if let Ok(stream) = tcp(stream, READ_ONE) {
-            callers.push(TcpPeer { stream, decoder: Decoder::default(), since: Instant::now() });
+            callers.push(TcpPeer {
+                stream,
+                decoder: PeerDecoder::default(),
+                since: Instant::now(),
+            });
         }
     }
     let mut any = false;

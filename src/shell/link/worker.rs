@@ -29,7 +29,7 @@ const TURN: Duration = Duration::from_millis(10);
 
 /// State that a link's thread shares with the sending side.
 #[derive(Debug, Default)]
-pub struct Shared {
+pub struct LinkShared {
     /// Frames to be sent.
     pub queue: Queue,
     /// Whether the link is to end.
@@ -48,7 +48,7 @@ pub struct Shared {
 pub struct Worker {
     pub index: u8,
     pub spec: LinkSpec,
-    pub shared: Arc<Shared>,
+    pub shared: Arc<LinkShared>,
     pub signing: Option<Arc<Mutex<Signing>>>,
     pub inbound: Sender<Inbound>,
     pub sent: Arc<Mutex<Histogram>>,

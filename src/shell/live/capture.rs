@@ -1,8 +1,8 @@
 //! Capture thread: takes frames, reopens the source when it fails.
 
-use super::config::Config;
+use super::config::ServiceConfig;
 use super::mailbox::{Mailbox, Pool};
-use super::source::{LiveError, Open};
+use super::source::{LiveError, OpenSource};
 use crate::shell::link::Inbound;
 use crate::shell::sources::SourceError;
 use crossbeam_channel::Sender;
@@ -20,7 +20,7 @@ const LAST_WAIT: Duration = Duration::from_secs(5);
 
 /// State of the capture.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub enum Camera {
+pub enum CaptureState {
     /// The source is being opened.
     #[default]
     Opening,
@@ -43,26 +43,26 @@ pub struct Capture {
     pub opened: AtomicU32,
     /// Rises as long as the thread goes on, also while it waits.
     pub pulse: AtomicU64,
-    state: Mutex<Camera>,
-    settings: Mutex<Option<Config>>,
+    state: Mutex<CaptureState>,
+    settings: Mutex<Option<ServiceConfig>>,
 }
 
 impl Capture {
     /// Its state.
-    pub fn state(&self) -> Camera {
+    pub fn state(&self) -> CaptureState {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Opens the source anew with other settings.
-    pub fn reopen(&self, config: Config) {
+    pub fn reopen(&self, config: ServiceConfig) {
         *self.settings.lock().unwrap_or_else(PoisonError::into_inner) = Some(config);
     }
 
-    fn set(&self, state: Camera) {
+    fn set(&self, state: CaptureState) {
         *self.state.lock().unwrap_or_else(PoisonError::into_inner) = state;
     }
 
-    fn new_settings(&self) -> Option<Config> {
+    fn new_settings(&self) -> Option<ServiceConfig> {
         self.settings.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
@@ -72,8 +72,8 @@ impl Capture {
     /// Those of a file, which end it too; a camera is opened again.
     pub fn run(
         &self,
-        mut config: Config,
-        open: &Open,
+        mut config: ServiceConfig,
+        open: &OpenSource,
         heard: &Sender<Inbound>,
         stop: &AtomicBool,
     ) -> Result<(), SourceError> {
@@ -84,22 +84,22 @@ impl Capture {
                 config = changed;
                 wait = FIRST_WAIT;
             }
-            self.set(Camera::Opening);
+            self.set(CaptureState::Opening);
             let reason = match self.serve(&config, open, heard, stop, &mut pool, &mut wait) {
                 // Told to stop, or to open anew.
                 Ok(()) => continue,
                 Err(LiveError::Ended) => {
-                    self.set(Camera::Ended);
+                    self.set(CaptureState::Ended);
                     return Ok(());
                 }
                 Err(LiveError::Broken(error)) => {
-                    self.set(Camera::Ended);
+                    self.set(CaptureState::Ended);
                     return Err(error);
                 }
                 Err(error) => error.to_string(),
             };
             tracing::warn!("{}: {reason}; again in {} ms", config.source, wait.as_millis());
-            self.set(Camera::Gone(reason));
+            self.set(CaptureState::Gone(reason));
             let until = Instant::now() + wait;
             while Instant::now() < until && !stop.load(Ordering::Relaxed) {
                 self.pulse.fetch_add(1, Ordering::Relaxed);
@@ -113,8 +113,8 @@ impl Capture {
     /// Opens the source and takes its frames until it fails, or is to be left.
     fn serve(
         &self,
-        config: &Config,
-        open: &Open,
+        config: &ServiceConfig,
+        open: &OpenSource,
         heard: &Sender<Inbound>,
         stop: &AtomicBool,
         pool: &mut Pool,
@@ -143,7 +143,7 @@ impl Capture {
                         running = true;
                         self.opened.fetch_add(1, Ordering::Relaxed);
                         tracing::info!("{}: frames come", config.source);
-                        self.set(Camera::Running);
+                        self.set(CaptureState::Running);
                         *wait = FIRST_WAIT;
                     }
                 }

@@ -1,6 +1,6 @@
 //! Checks of the files, folders and devices that the settings name.
 
-use super::config::Config;
+use super::config::ServiceConfig;
 use super::source_setting::SourceSetting;
 use crate::shell::formats::camera_file;
 use crate::shell::link::spec::Address;
@@ -28,7 +28,7 @@ pub struct Fault {
 /// Settings with which `lookout run` does not start.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: faults: {faults}, see above", path.display())]
-pub struct SettingsError {
+pub struct UnusableSettings {
     /// The file of the settings.
     pub path: PathBuf,
     /// Number of faults.
@@ -36,7 +36,7 @@ pub struct SettingsError {
 }
 
 /// Whether the settings make the lookout do nothing that anybody or anything learns of.
-pub fn does_nothing(config: &Config) -> bool {
+pub fn does_nothing(config: &ServiceConfig) -> bool {
     config.links.is_empty()
         && config.preview.is_none()
         && config.event_log.is_none()
@@ -48,7 +48,7 @@ pub fn does_nothing(config: &Config) -> bool {
 pub const NOTHING: &str = "nothing to do: there is no link, preview, event_log, record or json; traffic is watched and reported to nobody";
 
 /// All faults of what the settings name, in the order of the keys.
-pub fn faults(config: &Config) -> Vec<Fault> {
+pub fn faults(config: &ServiceConfig) -> Vec<Fault> {
     let mut faults = Vec::new();
     let mut add = |key, starts, found: Result<(), String>| {
         faults.extend(found.err().map(|text| Fault { key, text, starts }));
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     fn faults_of(text: &str) -> Vec<Fault> {
-        faults(&Config::parse(Path::new("f.toml"), text).unwrap())
+        faults(&ServiceConfig::parse(Path::new("f.toml"), text).unwrap())
     }
 
     #[test]

@@ -23,10 +23,10 @@ use toml::{Spanned, Table, Value};
 /// All settings; [`KEYS`] says what they mean.
 #[allow(missing_docs, reason = "the table of keys documents every one")]
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-pub struct Config {
+pub struct ServiceConfig {
     pub source: SourceSetting,
     pub repeat: bool,
-    pub links: Vec<Link>,
+    pub links: Vec<LinkSetting>,
     pub system_id: Option<u8>,
     pub component_id: u8,
     pub heartbeat_type: String,
@@ -87,9 +87,9 @@ pub struct StreamConfig {
 /// A link as the file names it.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
-pub struct Link(pub LinkSpec);
+pub struct LinkSetting(pub LinkSpec);
 
-impl TryFrom<String> for Link {
+impl TryFrom<String> for LinkSetting {
     type Error = crate::shell::link::spec::LinkSpecError;
 
     fn try_from(text: String) -> Result<Self, Self::Error> {
@@ -97,7 +97,7 @@ impl TryFrom<String> for Link {
     }
 }
 
-impl Config {
+impl ServiceConfig {
     /// Reads and checks a file.
     ///
     /// # Errors
@@ -240,7 +240,7 @@ fn start(place: &Spanned<DeValue<'_>>) -> usize {
 const SECRET: &str = "preview_token";
 
 /// All keys explained, with the values of `config` or their defaults: a file that can be used.
-pub fn print(config: Option<&Config>) -> String {
+pub fn print(config: Option<&ServiceConfig>) -> String {
     let mut text = String::from(
         "# Settings of `lookout run`. After a change `systemctl reload lookout` (SIGHUP) takes what can change in flight.\n",
     );
@@ -275,8 +275,8 @@ pub fn print(config: Option<&Config>) -> String {
 mod tests {
     use super::*;
 
-    fn parse(text: &str) -> Result<Config, String> {
-        Config::parse(Path::new("f.toml"), text).map_err(|error| error.to_string())
+    fn parse(text: &str) -> Result<ServiceConfig, String> {
+        ServiceConfig::parse(Path::new("f.toml"), text).map_err(|error| error.to_string())
     }
 
     #[test]

@@ -2,20 +2,20 @@
 //!
 //! An alert is a track whose level rises. Its line waits a second for the messages about it: they are part of it.
 
-use super::ring::{self, Ring};
-use super::worker::Seen;
+use super::ring::{self, FolderRing};
+use super::worker::ProcessedFrame;
 use super::writer::Writer;
 use crate::channels::window::SLICES;
 use crate::image::Rect;
 use crate::mavlink::dialect::MavMessage;
-use crate::mavlink::lookout::Onboard;
+use crate::mavlink::lookout::Lookout;
 use crate::shell::formats::detections;
 use crate::shell::formats::detections::Box4;
 use crate::shell::formats::traffic;
 use crate::shell::pictures::strip;
 use crate::shell::sources::Frame;
 use crate::shell::support::clock;
-use crate::tracking::traffic::{Level, Traffic};
+use crate::tracking::traffic::{AlertLevel, Traffic};
 use mavlink_core::{MAVLinkV2MessageRaw, MavlinkVersion, Message};
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
@@ -41,7 +41,7 @@ const ABOUT_TRAFFIC: [u32; 5] = [246, 247, 253, 330, 11037];
 
 /// A line of the log.
 #[derive(Debug, Clone, Serialize)]
-struct Event {
+struct EventLine {
     /// Microseconds since 1970 at which the frame was taken.
     time_us: i64,
     level: &'static str,
@@ -69,8 +69,8 @@ struct Sent {
 
 /// An alert and what its picture is made of.
 #[derive(Debug)]
-struct Alert {
-    event: Event,
+struct AlertEvent {
+    event: EventLine,
     frame_us: i64,
     frames: Vec<(Arc<Frame>, [f64; 2])>,
     rect: Box4,
@@ -78,20 +78,20 @@ struct Alert {
 
 /// Event log: JSON Lines in folders of limited size.
 #[derive(Debug)]
-pub struct Events {
-    writer: Writer<Alert>,
+pub struct EventLog {
+    writer: Writer<AlertEvent>,
     frames: VecDeque<Arc<Frame>>,
-    levels: BTreeMap<u16, Level>,
-    pending: VecDeque<Alert>,
+    levels: BTreeMap<u16, AlertLevel>,
+    pending: VecDeque<AlertEvent>,
 }
 
-impl Events {
+impl EventLog {
     /// Opens the log in a folder, with a limit of its size in bytes.
     ///
     /// # Errors
     /// The system's.
     pub fn open(root: &Path, bytes: u64) -> io::Result<Self> {
-        let mut ring = Ring::open(root)?;
+        let mut ring = FolderRing::open(root)?;
         // The folder shows now, not at the first alert, that it can be written.
         while let Err(error) = ring.start() {
             if !ring::is_full(&error) || !ring.give_way(1) {
@@ -113,7 +113,13 @@ impl Events {
     }
 
     /// Takes a frame and what is followed in it.
-    pub fn see(&mut self, seen: &Seen, tracks: &[Traffic], onboard: &Onboard, number: u64) {
+    pub fn see(
+        &mut self,
+        seen: &ProcessedFrame,
+        tracks: &[Traffic],
+        onboard: &Lookout,
+        number: u64,
+    ) {
         if self.frames.len() == SLICES {
             self.frames.pop_front();
         }
@@ -165,12 +171,12 @@ impl Events {
 
     fn alert(
         &self,
-        seen: &Seen,
+        seen: &ProcessedFrame,
         tracks: &[Traffic],
         track: &Traffic,
-        onboard: &Onboard,
+        onboard: &Lookout,
         number: u64,
-    ) -> Alert {
+    ) -> AlertEvent {
         let frame_us = seen.frame.time_us;
         let degrees = |angle: crate::math::real::Real| angle.to_num::<f64>().to_degrees();
         let attitude = onboard.attitude(frame_us);
@@ -188,8 +194,8 @@ impl Events {
         let newest = self.frames.len() - 1;
         let frames = self.frames.iter().enumerate();
         let frames = frames.map(|(place, frame)| (frame.clone(), shift(newest - place))).collect();
-        Alert {
-            event: Event {
+        AlertEvent {
+            event: EventLine {
                 time_us: frame_us + clock::unix_offset_us(),
                 level: traffic::name(track.level),
                 track: track.id,
@@ -208,7 +214,7 @@ impl Events {
     }
 }
 
-impl Drop for Events {
+impl Drop for EventLog {
     /// Writes what still waits.
     fn drop(&mut self) {
         while !self.pending.is_empty() {
@@ -218,7 +224,7 @@ impl Drop for Events {
 }
 
 /// Writes an alert; on a full disk older ones are removed for it.
-fn write(ring: &mut Ring, limit: u64, number: u64, alert: &Alert) -> io::Result<()> {
+fn write(ring: &mut FolderRing, limit: u64, number: u64, alert: &AlertEvent) -> io::Result<()> {
     loop {
         match try_write(ring, limit, number, alert) {
             Err(error) if ring::is_full(&error) && ring.give_way(1) => {}
@@ -228,7 +234,7 @@ fn write(ring: &mut Ring, limit: u64, number: u64, alert: &Alert) -> io::Result<
 }
 
 /// The picture first, so that no line names one that is not there.
-fn try_write(ring: &mut Ring, limit: u64, number: u64, alert: &Alert) -> io::Result<()> {
+fn try_write(ring: &mut FolderRing, limit: u64, number: u64, alert: &AlertEvent) -> io::Result<()> {
     if ring.current_bytes() >= limit / FOLDERS {
         ring.start()?;
     }
@@ -236,7 +242,8 @@ fn try_write(ring: &mut Ring, limit: u64, number: u64, alert: &Alert) -> io::Res
     let picture = format!("{number:06}-track{}-{}.png", alert.event.track, alert.event.level);
     let slices: Vec<_> = alert.frames.iter().map(|(frame, moved)| (&**frame, *moved)).collect();
     let (png, _) = strip::picture(&slices, &alert.rect);
-    let mut line = serde_json::to_vec(&Event { picture: picture.clone(), ..alert.event.clone() })?;
+    let mut line =
+        serde_json::to_vec(&EventLine { picture: picture.clone(), ..alert.event.clone() })?;
     line.push(b'\n');
     let picture = folder.join(picture);
     let append = || {

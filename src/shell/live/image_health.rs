@@ -116,12 +116,12 @@ impl Reason {
 
 /// Judges frame after frame.
 #[derive(Debug, Default)]
-pub struct Sight {
+pub struct ImageHealth {
     last: Option<Arc<Frame>>,
     reasons: [Reason; 4],
 }
 
-impl Sight {
+impl ImageHealth {
     /// Why nothing can be seen after this frame, if so.
     pub fn judge(&mut self, frame: &Arc<Frame>) -> Blind {
         let measures = Measures::of(frame);
@@ -165,7 +165,7 @@ mod tests {
     }
 
     /// Findings for pictures ten times a second whose content depends on the time.
-    fn judge(sight: &mut Sight, from: i64, grey: impl Fn(usize, usize) -> u8) -> Vec<u8> {
+    fn judge(sight: &mut ImageHealth, from: i64, grey: impl Fn(usize, usize) -> u8) -> Vec<u8> {
         let picture = |i: i64| {
             let noise = |x: usize, y: usize| ((x * 7 + y * 13 + i as usize * 5) % 3) as u8;
             frame(from + i * SECOND / 10, |x, y| grey(x, y).saturating_add(noise(x, y)))
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn a_reason_must_last_and_be_gone_as_long() {
-        let mut sight = Sight::default();
+        let mut sight = ImageHealth::default();
         let dark = judge(&mut sight, 0, |_, _| 3);
         assert_eq!(dark.iter().position(|&bits| bits == 1), Some(10));
         let light = judge(&mut sight, 3 * SECOND, |x, _| x as u8);
@@ -191,19 +191,22 @@ mod tests {
         let stars =
             |x: usize, y: usize| if (x * 31 + y * 17).is_multiple_of(997) { 200 } else { 24 };
         let sky = |_: usize, y: usize| 120 + y as u8 / 2;
-        for seen in [judge(&mut Sight::default(), 0, stars), judge(&mut Sight::default(), 0, sky)] {
+        for seen in [
+            judge(&mut ImageHealth::default(), 0, stars),
+            judge(&mut ImageHealth::default(), 0, sky),
+        ] {
             assert!(seen.iter().all(|&bits| bits == 0), "{seen:?}");
         }
         // Steps that are sharp, and the same steps over thirty pixels.
         let sharp = |x: usize, _: usize| if (x / 40).is_multiple_of(2) { 60 } else { 180 };
         let soft = |x: usize, _: usize| 60 + 3 * (x % 80).min(80 - x % 80) as u8;
-        assert!(judge(&mut Sight::default(), 0, sharp).iter().all(|&bits| bits == 0));
-        assert_eq!(judge(&mut Sight::default(), 0, soft).last(), Some(&4));
+        assert!(judge(&mut ImageHealth::default(), 0, sharp).iter().all(|&bits| bits == 0));
+        assert_eq!(judge(&mut ImageHealth::default(), 0, soft).last(), Some(&4));
     }
 
     #[test]
     fn the_same_picture_again_and_again_is_frozen() {
-        let mut sight = Sight::default();
+        let mut sight = ImageHealth::default();
         let still = |i: i64| frame(i * SECOND / 10, |x, y| (x + y) as u8);
         let seen: Vec<u8> = (0..20).map(|i| sight.judge(&still(i)).bits()).collect();
         assert_eq!(seen.iter().position(|&bits| bits == 8), Some(11));

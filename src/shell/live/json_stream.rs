@@ -3,7 +3,7 @@
 //! The line is that of `lookout replay --jsonl`, with `time_us` in microseconds since 1970. A datagram that nobody takes is
 //! lost; nothing waits for it.
 
-use super::worker::Seen;
+use super::worker::ProcessedFrame;
 use super::writer::Writer;
 use crate::shell::formats::detections;
 use crate::shell::support::clock;
@@ -53,7 +53,7 @@ impl JsonStream {
     }
 
     /// Takes a frame, its number in the run, and what is followed in it.
-    pub fn see(&mut self, seen: &Seen, tracks: &[Traffic], number: u64) {
+    pub fn see(&mut self, seen: &ProcessedFrame, tracks: &[Traffic], number: u64) {
         let time_us = seen.frame.time_us + clock::unix_offset_us();
         let mut line = detections::json_line(number, time_us, &seen.found, Some(tracks));
         // A datagram has a length of its own.

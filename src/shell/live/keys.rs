@@ -12,7 +12,7 @@ use toml::Value;
 
 /// Type and range of a key's value.
 #[derive(Debug, Clone, Copy)]
-pub enum Kind {
+pub enum KeyKind {
     /// Text, and a check that gives the error, or nothing for the general one.
     Text(fn(&str) -> Result<(), String>),
     /// A [`SourceSetting`].
@@ -37,7 +37,7 @@ pub struct Key {
     /// Name; `TABLE.NAME` for a key in a table.
     pub name: &'static str,
     /// Type and range.
-    pub kind: Kind,
+    pub kind: KeyKind,
     /// Unit, or form of the value.
     pub unit: &'static str,
     /// Default as TOML; empty where the key has none.
@@ -52,7 +52,7 @@ pub struct Key {
 pub const KEYS: &[Key] = &[
     Key {
         name: "source",
-        kind: Kind::Source,
+        kind: KeyKind::Source,
         unit: "v4l2:DEVICE, rtsp://HOST/PATH, { exec = [\"PROGRAM\", \"ARGUMENT\"] }, file:PATH or simulate:crossing|hover|collision|receding|none",
         default: "",
         reload: true,
@@ -60,7 +60,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "repeat",
-        kind: Kind::Switch,
+        kind: KeyKind::Switch,
         unit: "",
         default: "false",
         reload: true,
@@ -68,7 +68,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "links",
-        kind: Kind::Texts(link),
+        kind: KeyKind::Texts(link),
         unit: "udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT, tcpin:HOST:PORT, serial:DEVICE:BAUD",
         default: "[]",
         reload: true,
@@ -76,7 +76,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "system_id",
-        kind: Kind::Whole(1, 255),
+        kind: KeyKind::Whole(1, 255),
         unit: "",
         default: "",
         reload: false,
@@ -84,7 +84,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "component_id",
-        kind: Kind::Whole(1, 255),
+        kind: KeyKind::Whole(1, 255),
         unit: "",
         default: "196",
         reload: false,
@@ -92,7 +92,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "heartbeat_type",
-        kind: Kind::Text(heartbeat_type),
+        kind: KeyKind::Text(heartbeat_type),
         unit: "onboard_controller, adsb or flarm",
         default: "\"onboard_controller\"",
         reload: false,
@@ -100,7 +100,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "camera_component",
-        kind: Kind::Whole(1, 255),
+        kind: KeyKind::Whole(1, 255),
         unit: "",
         default: "",
         reload: false,
@@ -108,7 +108,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "signing_key",
-        kind: Kind::Text(any),
+        kind: KeyKind::Text(any),
         unit: "file of 64 hexadecimal digits",
         default: "",
         reload: false,
@@ -116,7 +116,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "signing_time",
-        kind: Kind::Text(any),
+        kind: KeyKind::Text(any),
         unit: "file",
         default: "",
         reload: false,
@@ -124,7 +124,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "parameters",
-        kind: Kind::Text(any),
+        kind: KeyKind::Text(any),
         unit: "file",
         default: "",
         reload: false,
@@ -132,7 +132,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "model",
-        kind: Kind::Text(any),
+        kind: KeyKind::Text(any),
         unit: "file",
         default: "",
         reload: false,
@@ -140,7 +140,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "threads",
-        kind: Kind::Whole(0, 64),
+        kind: KeyKind::Whole(0, 64),
         unit: "",
         default: "0",
         reload: false,
@@ -148,7 +148,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "event_log",
-        kind: Kind::Text(any),
+        kind: KeyKind::Text(any),
         unit: "folder",
         default: "",
         reload: true,
@@ -156,7 +156,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "event_log_megabytes",
-        kind: Kind::Whole(1, 1_000_000),
+        kind: KeyKind::Whole(1, 1_000_000),
         unit: "megabytes",
         default: "64",
         reload: true,
@@ -164,7 +164,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "record",
-        kind: Kind::Text(any),
+        kind: KeyKind::Text(any),
         unit: "folder",
         default: "",
         reload: true,
@@ -172,7 +172,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "record_minutes",
-        kind: Kind::Whole(1, 1440),
+        kind: KeyKind::Whole(1, 1440),
         unit: "minutes",
         default: "5",
         reload: true,
@@ -180,7 +180,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "record_megabytes",
-        kind: Kind::Whole(1, 1_000_000),
+        kind: KeyKind::Whole(1, 1_000_000),
         unit: "megabytes",
         default: "4000",
         reload: true,
@@ -188,7 +188,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "json",
-        kind: Kind::Text(json),
+        kind: KeyKind::Text(json),
         unit: "udp:HOST:PORT",
         default: "",
         reload: true,
@@ -196,7 +196,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "preview",
-        kind: Kind::Text(address),
+        kind: KeyKind::Text(address),
         unit: "ADDRESS:PORT",
         default: "",
         reload: true,
@@ -204,7 +204,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "preview_token",
-        kind: Kind::Text(token),
+        kind: KeyKind::Text(token),
         unit: "16 to 256 letters, digits, - . _ ~",
         default: "",
         reload: true,
@@ -212,7 +212,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "traffic.assume",
-        kind: Kind::Text(assume),
+        kind: KeyKind::Text(assume),
         unit: "drone or aircraft",
         default: "\"drone\"",
         reload: false,
@@ -220,7 +220,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "traffic.fleet",
-        kind: Kind::Texts(callsign),
+        kind: KeyKind::Texts(callsign),
         unit: "callsigns of at most 8 letters and digits, at most 16 of them",
         default: "[]",
         reload: false,
@@ -228,7 +228,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "stream.latency_ms",
-        kind: Kind::Whole(0, 60_000),
+        kind: KeyKind::Whole(0, 60_000),
         unit: "milliseconds",
         default: "",
         reload: true,
@@ -236,7 +236,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "stream.timeout_ms",
-        kind: Kind::Whole(200, 60_000),
+        kind: KeyKind::Whole(200, 60_000),
         unit: "milliseconds",
         default: "2000",
         reload: true,
@@ -244,7 +244,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "camera.width",
-        kind: Kind::Whole(16, 4096),
+        kind: KeyKind::Whole(16, 4096),
         unit: "pixels",
         default: "640",
         reload: true,
@@ -252,7 +252,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "camera.height",
-        kind: Kind::Whole(16, 4096),
+        kind: KeyKind::Whole(16, 4096),
         unit: "pixels",
         default: "480",
         reload: true,
@@ -260,7 +260,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "camera.rate",
-        kind: Kind::Whole(1, 240),
+        kind: KeyKind::Whole(1, 240),
         unit: "frames a second",
         default: "30",
         reload: true,
@@ -268,7 +268,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "camera.format",
-        kind: Kind::Text(format),
+        kind: KeyKind::Text(format),
         unit: "GREY, NV12, YUYV, UYVY or MJPEG",
         default: "",
         reload: true,
@@ -276,7 +276,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "camera.calibration",
-        kind: Kind::Text(any),
+        kind: KeyKind::Text(any),
         unit: "file: OpenCV or ROS YAML, or camera.json",
         default: "",
         reload: true,
@@ -284,7 +284,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "camera.mask",
-        kind: Kind::Text(any),
+        kind: KeyKind::Text(any),
         unit: "file: PNG, PGM or JPEG with the frames' aspect ratio",
         default: "",
         reload: false,
@@ -292,7 +292,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "camera.field_of_view",
-        kind: Kind::Number(10.0, 170.0),
+        kind: KeyKind::Number(10.0, 170.0),
         unit: "degrees",
         default: "60.0",
         reload: true,
@@ -300,7 +300,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "camera.mounting",
-        kind: Kind::Numbers(3, -180.0, 180.0),
+        kind: KeyKind::Numbers(3, -180.0, 180.0),
         unit: "degrees: roll, pitch (nose up), yaw (to the right)",
         default: "[0.0, 0.0, 0.0]",
         reload: true,
@@ -308,7 +308,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "camera.gimbal",
-        kind: Kind::Switch,
+        kind: KeyKind::Switch,
         unit: "",
         default: "false",
         reload: false,
@@ -316,7 +316,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "camera.controls",
-        kind: Kind::Wholes,
+        kind: KeyKind::Wholes,
         unit: "the camera's own, see `v4l2-ctl --list-ctrls`",
         default: "{}",
         reload: true,
@@ -333,13 +333,13 @@ impl Key {
     /// The expected value in words, for messages.
     pub fn expected(&self) -> String {
         let range = match self.kind {
-            Kind::Text(_) | Kind::Source => return self.unit.into(),
-            Kind::Texts(_) => return format!("a list of {}", self.unit),
-            Kind::Switch => return "true or false".into(),
-            Kind::Wholes => return format!("a table of whole numbers: {}", self.unit),
-            Kind::Whole(min, max) => format!("a whole number from {min} to {max}"),
-            Kind::Number(min, max) => format!("a number from {min} to {max}"),
-            Kind::Numbers(count, min, max) => format!("{count} numbers from {min} to {max}"),
+            KeyKind::Text(_) | KeyKind::Source => return self.unit.into(),
+            KeyKind::Texts(_) => return format!("a list of {}", self.unit),
+            KeyKind::Switch => return "true or false".into(),
+            KeyKind::Wholes => return format!("a table of whole numbers: {}", self.unit),
+            KeyKind::Whole(min, max) => format!("a whole number from {min} to {max}"),
+            KeyKind::Number(min, max) => format!("a number from {min} to {max}"),
+            KeyKind::Numbers(count, min, max) => format!("{count} numbers from {min} to {max}"),
         };
         if self.unit.is_empty() { range } else { format!("{range}, in {}", self.unit) }
     }
@@ -356,19 +356,23 @@ impl Key {
         };
         let number = |value: &Value| value.as_float().or(value.as_integer().map(|v| v as f64));
         let good = match self.kind {
-            Kind::Text(check) => return text(check, value),
-            Kind::Source => return SourceSetting::check(value).map_err(|error| error.to_string()),
-            Kind::Texts(check) => {
+            KeyKind::Text(check) => return text(check, value),
+            KeyKind::Source => {
+                return SourceSetting::check(value).map_err(|error| error.to_string());
+            }
+            KeyKind::Texts(check) => {
                 return value.as_array().ok_or_else(wrong)?.iter().try_for_each(|v| text(check, v));
             }
-            Kind::Whole(min, max) => value.as_integer().is_some_and(|v| (min..=max).contains(&v)),
-            Kind::Number(min, max) => number(value).is_some_and(|v| (min..=max).contains(&v)),
-            Kind::Numbers(count, min, max) => value.as_array().is_some_and(|list| {
+            KeyKind::Whole(min, max) => {
+                value.as_integer().is_some_and(|v| (min..=max).contains(&v))
+            }
+            KeyKind::Number(min, max) => number(value).is_some_and(|v| (min..=max).contains(&v)),
+            KeyKind::Numbers(count, min, max) => value.as_array().is_some_and(|list| {
                 let inside = |v| number(v).is_some_and(|v| (min..=max).contains(&v));
                 list.len() == count && list.iter().all(inside)
             }),
-            Kind::Switch => value.is_bool(),
-            Kind::Wholes => value.as_table().is_some_and(|t| t.values().all(Value::is_integer)),
+            KeyKind::Switch => value.is_bool(),
+            KeyKind::Wholes => value.as_table().is_some_and(|t| t.values().all(Value::is_integer)),
         };
         if good { Ok(()) } else { Err(wrong()) }
     }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 /// Counts and times that come with a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Taken {
+pub struct CaptureInfo {
     /// Frames lost before this one: for want of a buffer, or damaged.
     pub missed: u32,
     /// Older ones that were ready as well and were left out.
@@ -36,7 +36,7 @@ pub trait LiveSource {
     ///
     /// # Errors
     /// [`LiveError`]; `frame` may hold anything then.
-    fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<Taken, LiveError>;
+    fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<CaptureInfo, LiveError>;
 
     /// Without a frame for this long the source is opened again.
     fn silence(&self) -> Duration {

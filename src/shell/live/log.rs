@@ -16,7 +16,7 @@ use tracing_subscriber::fmt::MakeWriter;
 const WAITING: usize = 256;
 
 #[derive(Debug, Default)]
-struct Counts {
+struct LogCounts {
     /// Lines handed over, and lines of these that the thread is done with.
     taken: AtomicU64,
     done: AtomicU64,
@@ -27,7 +27,7 @@ struct Counts {
 #[derive(Debug, Clone)]
 pub struct Log {
     lines: Sender<Vec<u8>>,
-    counts: Arc<Counts>,
+    counts: Arc<LogCounts>,
 }
 
 impl Log {
@@ -41,7 +41,7 @@ impl Log {
 
     fn to(out: impl Write + Send + 'static) -> io::Result<Self> {
         let (lines, taken) = bounded(WAITING);
-        let counts = Arc::<Counts>::default();
+        let counts = Arc::<LogCounts>::default();
         let log = Self { lines, counts: counts.clone() };
         let write = move || write(&taken, &counts, out);
         thread::Builder::new().name("log".into()).spawn(write)?;
@@ -62,7 +62,7 @@ impl Log {
     }
 }
 
-fn write(lines: &Receiver<Vec<u8>>, counts: &Counts, mut out: impl Write) {
+fn write(lines: &Receiver<Vec<u8>>, counts: &LogCounts, mut out: impl Write) {
     for line in lines {
         let lost = counts.lost.swap(0, Ordering::SeqCst);
         if lost > 0 {

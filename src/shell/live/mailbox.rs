@@ -7,7 +7,7 @@ use std::time::Duration;
 use std::vec::Vec;
 
 #[derive(Debug, Default)]
-struct Slot {
+struct MailSlot {
     frame: Option<Arc<Frame>>,
     taken: u64,
 }
@@ -15,7 +15,7 @@ struct Slot {
 /// Between the thread that takes frames and the one that looks at them.
 #[derive(Debug, Default)]
 pub struct Mailbox {
-    slot: Mutex<Slot>,
+    slot: Mutex<MailSlot>,
     ready: Condvar,
     dropped: AtomicU32,
 }

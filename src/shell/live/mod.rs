@@ -28,7 +28,7 @@ mod writer;
 use super::error::Error;
 use super::support::interrupt::{self, Ended};
 use crate::shell::support::print::print_line;
-use config::Config;
+use config::ServiceConfig;
 use service::ServiceError;
 use std::eprintln;
 use std::path::{Path, PathBuf};
@@ -52,7 +52,7 @@ pub struct RunArgs {
 const END: Duration = Duration::from_secs(5);
 
 /// Ends the program if it does not end by itself in time after an order to stop, as where a read of a source never returns.
-fn end_at_last(control: &interrupt::Control) -> std::io::Result<()> {
+fn end_at_last(control: &interrupt::ServiceOrders) -> std::io::Result<()> {
     let stop = control.stop.clone();
     let wait = move || {
         while !stop.load(Ordering::Relaxed) {
@@ -74,7 +74,7 @@ const STUCK_STATUS: i32 = 1;
 /// # Errors
 /// [`Error`]; what was written before stays.
 pub fn run(args: &RunArgs) -> Result<Ended, Error> {
-    let config = args.config.as_deref().map(Config::read).transpose()?;
+    let config = args.config.as_deref().map(ServiceConfig::read).transpose()?;
     let (Some(path), Some(config), false) = (&args.config, &config, args.print_config) else {
         print_line(config::print(config.as_ref()).trim_end())?;
         return match (&args.config, &config) {
@@ -87,7 +87,8 @@ pub fn run(args: &RunArgs) -> Result<Ended, Error> {
     }
     let control = interrupt::watch_service()?;
     end_at_last(&control).map_err(|source| ServiceError::Thread { source })?;
-    let summary = service::run(config.clone(), &|| Config::read(path), &control, &source::open)?;
+    let summary =
+        service::run(config.clone(), &|| ServiceConfig::read(path), &control, &source::open)?;
     print_line(summary.to_string().trim_end())?;
     Ok(Ended::Complete)
 }
@@ -95,8 +96,8 @@ pub fn run(args: &RunArgs) -> Result<Ended, Error> {
 /// All faults of what the settings in `path` name, on standard error.
 ///
 /// # Errors
-/// [`check::SettingsError`] where `lookout run` would not start.
-fn report_faults(path: &Path, config: &Config) -> Result<Ended, Error> {
+/// [`check::UnusableSettings`] where `lookout run` would not start.
+fn report_faults(path: &Path, config: &ServiceConfig) -> Result<Ended, Error> {
     let faults = check::faults(config);
     for check::Fault { key, text, starts } in &faults {
         let word = if *starts { "note" } else { "fault" };
@@ -104,6 +105,6 @@ fn report_faults(path: &Path, config: &Config) -> Result<Ended, Error> {
     }
     match faults.iter().filter(|fault| !fault.starts).count() {
         0 => Ok(Ended::Complete),
-        faults => Err(Error::verb(check::SettingsError { path: path.into(), faults })),
+        faults => Err(Error::verb(check::UnusableSettings { path: path.into(), faults })),
     }
 }

@@ -2,16 +2,16 @@
 //!
 //! Their failures never stop detection: an output that cannot be opened is logged and tried again.
 
-use super::capture::Camera;
-use super::config::Config;
-use super::events::Events;
+use super::capture::CaptureState;
+use super::config::ServiceConfig;
+use super::events::EventLog;
 use super::json_stream::{self, JsonStream};
 use super::keys::Key;
 use super::record::Recorder;
-use super::worker::Seen;
-use crate::mavlink::lookout::Onboard;
+use super::worker::ProcessedFrame;
+use crate::mavlink::lookout::Lookout;
 use crate::mavlink::messages::Blind;
-use crate::mavlink::messages::status::State;
+use crate::mavlink::messages::status::LookoutState;
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::link::{Inbound, Links};
@@ -30,11 +30,11 @@ const AGAIN_US: i64 = 5_000_000;
 #[derive(Debug, Clone)]
 pub struct Condition {
     /// As in the heartbeat.
-    pub state: State,
+    pub state: LookoutState,
     /// Why nothing can be seen, if so.
     pub blind: Blind,
     /// State of the source.
-    pub camera: Camera,
+    pub camera: CaptureState,
     /// Frames processed and dropped, and frames processed a second.
     pub frames: (u64, u32, f64),
     /// Stages of the work: name, median, 99th percentile in microseconds.
@@ -45,14 +45,14 @@ pub struct Condition {
 
 /// One output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum OutputKind {
     Events,
     Recorder,
     Preview,
     Json,
 }
 
-impl Kind {
+impl OutputKind {
     const ALL: [Self; 4] = [Self::Events, Self::Recorder, Self::Preview, Self::Json];
 
     fn name(self) -> &'static str {
@@ -66,26 +66,26 @@ impl Kind {
 }
 
 /// The outputs, each open where the settings name it.
-pub struct Outputs {
-    config: Config,
+pub struct ServiceOutputs {
+    config: ServiceConfig,
     /// The camera file of the source.
     own: Option<CameraFile>,
     /// Least score of the detections that are recorded.
     least_score: i32,
-    events: Option<Events>,
+    events: Option<EventLog>,
     recorder: Option<Recorder>,
     preview: Option<Preview>,
     json: Option<JsonStream>,
-    /// Whether the last attempt to open failed, by [`Kind`], and when the next one is due.
-    failed: [bool; Kind::ALL.len()],
+    /// Whether the last attempt to open failed, by [`OutputKind`], and when the next one is due.
+    failed: [bool; OutputKind::ALL.len()],
     next_us: i64,
     /// State for the page, without the picture.
     shown: Snapshot,
 }
 
-impl Outputs {
+impl ServiceOutputs {
     /// Opens what the settings name. `own` is the camera file of the source, `least_score` the detector's.
-    pub fn open(config: &Config, own: Option<&CameraFile>, least_score: i32) -> Self {
+    pub fn open(config: &ServiceConfig, own: Option<&CameraFile>, least_score: i32) -> Self {
         let mut outputs = Self {
             config: config.clone(),
             own: own.cloned(),
@@ -98,17 +98,17 @@ impl Outputs {
             next_us: 0,
             shown: Snapshot::default(),
         };
-        Kind::ALL.into_iter().for_each(|kind| outputs.reopen(kind));
+        OutputKind::ALL.into_iter().for_each(|kind| outputs.reopen(kind));
         outputs
     }
 
     /// Opens an output anew; the first failure in a row is logged, and the success after it.
-    fn reopen(&mut self, kind: Kind) {
+    fn reopen(&mut self, kind: OutputKind) {
         let opened = match kind {
-            Kind::Events => self.open_events(),
-            Kind::Recorder => self.open_recorder(),
-            Kind::Preview => self.open_preview(),
-            Kind::Json => self.open_json(),
+            OutputKind::Events => self.open_events(),
+            OutputKind::Recorder => self.open_recorder(),
+            OutputKind::Preview => self.open_preview(),
+            OutputKind::Json => self.open_json(),
         };
         let failed = std::mem::replace(&mut self.failed[kind as usize], opened.is_err());
         match opened {
@@ -124,7 +124,7 @@ impl Outputs {
         // The one that was open is complete before it is opened again, here and below.
         self.events = None;
         let bytes = self.config.event_log_megabytes.saturating_mul(1_000_000);
-        let open = |path| Events::open(path, bytes).map_err(Error::write(path));
+        let open = |path| EventLog::open(path, bytes).map_err(Error::write(path));
         self.events = self.config.event_log.as_deref().map(open).transpose()?;
         Ok(())
     }
@@ -156,17 +156,17 @@ impl Outputs {
     }
 
     /// Opens anew what the changed settings are about, and what failed before.
-    pub fn reload(&mut self, config: &Config, own: Option<&CameraFile>, changes: &[&Key]) {
+    pub fn reload(&mut self, config: &ServiceConfig, own: Option<&CameraFile>, changes: &[&Key]) {
         self.config = config.clone();
         self.own = own.cloned();
         let about = |prefix: &str| changes.iter().any(|key| key.name.starts_with(prefix));
         let source = self.recorder.is_some() && (about("camera.") || about("source"));
-        for kind in Kind::ALL {
+        for kind in OutputKind::ALL {
             let changed = match kind {
-                Kind::Events => about("event_log"),
-                Kind::Recorder => about("record") || source,
-                Kind::Preview => about("preview"),
-                Kind::Json => about("json"),
+                OutputKind::Events => about("event_log"),
+                OutputKind::Recorder => about("record") || source,
+                OutputKind::Preview => about("preview"),
+                OutputKind::Json => about("json"),
             };
             if changed || self.failed[kind as usize] {
                 self.reopen(kind);
@@ -198,7 +198,13 @@ impl Outputs {
     }
 
     /// Takes a frame, its number in the run, and what is followed in it.
-    pub fn see(&mut self, seen: &Seen, tracks: &[Traffic], onboard: &Onboard, number: u64) {
+    pub fn see(
+        &mut self,
+        seen: &ProcessedFrame,
+        tracks: &[Traffic],
+        onboard: &Lookout,
+        number: u64,
+    ) {
         if let Some(events) = &mut self.events {
             events.see(seen, tracks, onboard, number);
         }
@@ -210,7 +216,7 @@ impl Outputs {
         }
         let Some(preview) = &self.preview else { return };
         let frame = &seen.frame;
-        let picture = preview.wants_picture().then(|| snapshot::Picture {
+        let picture = preview.wants_picture().then(|| snapshot::PictureView {
             pixels: frame.pixels.clone(),
             width: frame.width,
             height: frame.height,
@@ -219,7 +225,7 @@ impl Outputs {
         self.shown.level = tracks.iter().map(|track| track.level).max().unwrap_or_default();
         let component = onboard.component();
         self.shown.tracks =
-            tracks.iter().map(|track| snapshot::Track::named(track, component)).collect();
+            tracks.iter().map(|track| snapshot::TrackView::named(track, component)).collect();
         preview.publish(Snapshot { picture, ..self.shown.clone() });
     }
 
@@ -230,7 +236,7 @@ impl Outputs {
         }
         if self.failed.contains(&true) && now_us >= self.next_us {
             self.next_us = now_us + AGAIN_US;
-            for kind in Kind::ALL {
+            for kind in OutputKind::ALL {
                 if self.failed[kind as usize] {
                     self.reopen(kind);
                 }
@@ -239,28 +245,28 @@ impl Outputs {
     }
 
     /// Shows how it is; once a second, also without frames.
-    pub fn show(&mut self, condition: Condition, source: &str, onboard: &Onboard, links: &Links) {
+    pub fn show(&mut self, condition: Condition, source: &str, onboard: &Lookout, links: &Links) {
         let Some(preview) = &self.preview else { return };
         let shown = &mut self.shown;
         let Condition { state, blind, camera, frames, latency, advice } = condition;
-        if matches!(state, State::Stalled | State::Slow) {
+        if matches!(state, LookoutState::Stalled | LookoutState::Slow) {
             shown.tracks.clear();
-            shown.level = crate::tracking::traffic::Level::None;
+            shown.level = crate::tracking::traffic::AlertLevel::None;
         }
         let size = onboard.camera().intrinsics();
         let words = match &camera {
-            Camera::Opening => format!("{source}: opening"),
-            Camera::Running => format!("{source}, {}x{}", size.width, size.height),
-            Camera::Gone(reason) => reason.clone(),
-            Camera::Ended => format!("{source}: at its end"),
+            CaptureState::Opening => format!("{source}: opening"),
+            CaptureState::Running => format!("{source}, {}x{}", size.width, size.height),
+            CaptureState::Gone(reason) => reason.clone(),
+            CaptureState::Ended => format!("{source}: at its end"),
         };
-        shown.health = snapshot::Health {
+        shown.health = snapshot::HealthView {
             state: match state {
-                State::Starting => snapshot::State::Starting,
-                State::Watching | State::NoAutopilot => snapshot::State::Watching,
-                State::Blind(_) => snapshot::State::Blind,
-                State::Stalled => snapshot::State::CameraGone,
-                State::Slow => snapshot::State::Slow,
+                LookoutState::Starting => snapshot::StateView::Starting,
+                LookoutState::Watching | LookoutState::NoAutopilot => snapshot::StateView::Watching,
+                LookoutState::Blind(_) => snapshot::StateView::Blind,
+                LookoutState::Stalled => snapshot::StateView::CameraGone,
+                LookoutState::Slow => snapshot::StateView::Slow,
             },
             blind,
             frames: frames.0,
@@ -278,7 +284,7 @@ impl Outputs {
         shown.latency = latency.into_iter().map(line).collect();
         let statuses = links.specs().zip((0..u8::MAX).map(|link| links.status(link)));
         let now_us = now_us();
-        let link = |(spec, status)| snapshot::Link::new(spec, status, now_us);
+        let link = |(spec, status)| snapshot::LinkView::new(spec, status, now_us);
         shown.links = statuses.map(link).collect();
         let component = onboard.component();
         shown.autopilot =

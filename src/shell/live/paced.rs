@@ -1,9 +1,9 @@
 //! A recorded or simulated flight as a live source, at its own frame rate.
 
-use super::live_source::{LiveError, LiveSource, Taken};
+use super::live_source::{CaptureInfo, LiveError, LiveSource};
 use crate::mavlink::component::Trust;
 use crate::shell::link::Inbound;
-use crate::shell::simulate::Telemetry;
+use crate::shell::simulate::FlightTelemetry;
 use crate::shell::sources::{Frame, FrameSource, SourceError};
 use crate::shell::support::clock::now_us;
 use crossbeam_channel::Sender;
@@ -25,14 +25,14 @@ pub type Rewind = Box<dyn FnMut() -> Result<Box<dyn FrameSource>, SourceError>>;
 pub struct Paced {
     rewind: Rewind,
     repeat: bool,
-    telemetry: Option<(Telemetry, Sender<Inbound>)>,
-    flight: Option<Flight>,
+    telemetry: Option<(FlightTelemetry, Sender<Inbound>)>,
+    flight: Option<PacedFlight>,
 }
 
 /// A flight under way.
-struct Flight {
+struct PacedFlight {
     source: Box<dyn FrameSource>,
-    vehicle: Option<Peekable<Telemetry>>,
+    vehicle: Option<Peekable<FlightTelemetry>>,
     /// Our time of the flight's time 0.
     start_us: Option<i64>,
     /// A frame that is not due yet.
@@ -45,17 +45,17 @@ impl Paced {
     pub fn new(
         rewind: Rewind,
         repeat: bool,
-        telemetry: Option<(Telemetry, Sender<Inbound>)>,
+        telemetry: Option<(FlightTelemetry, Sender<Inbound>)>,
     ) -> Self {
         Self { rewind, repeat, telemetry, flight: None }
     }
 }
 
 impl LiveSource for Paced {
-    fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<Taken, LiveError> {
+    fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<CaptureInfo, LiveError> {
         let flight = match &mut self.flight {
             Some(flight) => flight,
-            none => none.insert(Flight {
+            none => none.insert(PacedFlight {
                 source: (self.rewind)()?,
                 vehicle: self.telemetry.as_ref().map(|(vehicle, _)| vehicle.clone().peekable()),
                 start_us: None,
@@ -97,6 +97,6 @@ impl LiveSource for Paced {
         ahead.time_us = due;
         std::mem::swap(frame, ahead);
         flight.spare = flight.ahead.take().unwrap_or_default();
-        Ok(Taken::default())
+        Ok(CaptureInfo::default())
     }
 }

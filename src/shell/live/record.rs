@@ -6,9 +6,9 @@
 //! the last ones of the segment before it, for which no detections are printed. Detections are the same bit for bit; tracks
 //! too, but they start anew in each segment, and with a vehicle's telemetry only nearly: a replay receives it by its own times.
 
-use super::config::Config;
-use super::ring::{self, Ring};
-use super::worker::Seen;
+use super::config::ServiceConfig;
+use super::ring::{self, FolderRing};
+use super::worker::ProcessedFrame;
 use super::writer::Writer;
 use crate::detector::temporal_score::MEMORY;
 use crate::mavlink::component::parameters::Parameters;
@@ -86,12 +86,12 @@ impl Recorder {
     /// The system's.
     pub fn open(
         root: &Path,
-        config: &Config,
+        config: &ServiceConfig,
         own: Option<&CameraFile>,
         least_score: i32,
     ) -> io::Result<Self> {
-        let mut files = Files {
-            ring: Ring::open(root)?,
+        let mut files = RecordWriter {
+            ring: FolderRing::open(root)?,
             // The one that is written holds less than a minute.
             segments: usize::try_from(config.record_minutes)
                 .unwrap_or(usize::MAX)
@@ -127,7 +127,13 @@ impl Recorder {
     }
 
     /// Takes a frame, its number in the run, what is followed in it, and under which parameters.
-    pub fn see(&mut self, seen: &Seen, tracks: &[Traffic], parameters: &Parameters, number: u64) {
+    pub fn see(
+        &mut self,
+        seen: &ProcessedFrame,
+        tracks: &[Traffic],
+        parameters: &Parameters,
+        number: u64,
+    ) {
         let room = self.waiting.fetch_add(1, Ordering::Relaxed) < FRAMES;
         let frame = seen.frame.clone();
         let line = detections::json_line(number, frame.time_us, &seen.found, Some(tracks));
@@ -162,7 +168,7 @@ impl Recorder {
 }
 
 /// The command that replays a segment, from within its folder.
-fn command(config: &Config, least_score: i32) -> String {
+fn command(config: &ServiceConfig, least_score: i32) -> String {
     let score = f64::from(least_score) / f64::from(1 << detections::SCORE_BITS);
     let mut command = format!(
         "lookout replay frames --tlog-in telemetry.tlog --parameters parameters.txt --threshold={score} --digest"
@@ -188,15 +194,15 @@ fn command(config: &Config, least_score: i32) -> String {
 }
 
 /// State of the writing thread.
-struct Files {
-    ring: Ring,
+struct RecordWriter {
+    ring: FolderRing,
     segments: usize,
     bytes: u64,
     command: String,
     /// `camera.json`.
     camera: Option<String>,
     unix_us: i64,
-    segment: Option<Segment>,
+    segment: Option<OpenSegment>,
     /// The last messages with their times.
     before: VecDeque<(i64, Vec<u8>)>,
     /// The last one of the autopilot: a replay must know it before anything else.
@@ -235,7 +241,7 @@ impl Growing {
 }
 
 /// The segment that is written.
-struct Segment {
+struct OpenSegment {
     folder: PathBuf,
     /// Time of its first picture, and of the first one that is not from the segment before.
     first_us: i64,
@@ -253,7 +259,7 @@ struct Segment {
     lines: Growing,
 }
 
-impl Files {
+impl RecordWriter {
     fn take(&mut self, item: Item) -> io::Result<()> {
         match item {
             Item::Message { time_us, bytes, autopilot } => {
@@ -331,7 +337,7 @@ impl Files {
     }
 
     /// Begins a segment in `folder` with a frame, after the segment that was written until now.
-    fn begin(&mut self, folder: PathBuf, recorded: &Recorded) -> io::Result<Segment> {
+    fn begin(&mut self, folder: PathBuf, recorded: &Recorded) -> io::Result<OpenSegment> {
         let before = self.segment.as_ref();
         let frame = &recorded.frame;
         let size = (frame.width, frame.height);
@@ -365,7 +371,7 @@ impl Files {
         }
         let mut telemetry = create("telemetry.tlog")?;
         telemetry.append(&records)?;
-        let mut segment = Segment {
+        let mut segment = OpenSegment {
             first_us,
             begun_us: frame.time_us,
             size,
@@ -384,7 +390,7 @@ impl Files {
     }
 }
 
-impl Segment {
+impl OpenSegment {
     /// Writes a frame; gives the bytes that it took. Where a part of it does not fit, nothing of it is left.
     fn write(&mut self, frame: &Frame, line: &str) -> io::Result<u64> {
         let (times, lines) = (self.times.len, self.lines.len);

@@ -17,7 +17,7 @@ const LOCK: &str = ".lookout.lock";
 
 /// The numbered folders, oldest first, each with its size in bytes.
 #[derive(Debug)]
-pub struct Ring {
+pub struct FolderRing {
     root: PathBuf,
     folders: VecDeque<(PathBuf, u64)>,
     next: u64,
@@ -30,7 +30,7 @@ pub fn is_full(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded)
 }
 
-impl Ring {
+impl FolderRing {
     /// Takes up the folders of an earlier run; `root` is made if it does not exist.
     ///
     /// # Errors
@@ -177,16 +177,16 @@ mod tests {
     fn the_oldest_give_way_also_over_a_restart() {
         let folder = tempfile::tempdir().unwrap();
         let root = folder.path().join("ring");
-        let mut ring = Ring::open(&root).unwrap();
+        let mut ring = FolderRing::open(&root).unwrap();
         for number in 0..4 {
             let path = ring.start().unwrap().join("file");
             fs::write(path, [number; 100]).unwrap();
             ring.wrote(100, 3, 1000);
         }
         assert_eq!(names(&root), ["000002", "000003", "000004"]);
-        assert_eq!(Ring::open(&root).unwrap_err().kind(), ErrorKind::ResourceBusy);
+        assert_eq!(FolderRing::open(&root).unwrap_err().kind(), ErrorKind::ResourceBusy);
         drop(ring);
-        let mut ring = Ring::open(&root).unwrap();
+        let mut ring = FolderRing::open(&root).unwrap();
         assert_eq!(ring.current_bytes(), 100);
         ring.start().unwrap();
         ring.wrote(150, 9, 300);
@@ -204,7 +204,7 @@ mod tests {
             fs::create_dir(root.join(own)).unwrap();
             fs::write(root.join(own).join("DSC1.JPG"), [0; 1000]).unwrap();
         }
-        let mut ring = Ring::open(root).unwrap();
+        let mut ring = FolderRing::open(root).unwrap();
         assert_eq!(ring.current(), None);
         for _ in 0..5 {
             let path = ring.start().unwrap().join("file");
@@ -221,12 +221,12 @@ mod tests {
     fn an_empty_folder_is_used_again() {
         let folder = tempfile::tempdir().unwrap();
         for _ in 0..3 {
-            let mut ring = Ring::open(folder.path()).unwrap();
+            let mut ring = FolderRing::open(folder.path()).unwrap();
             assert!(ring.start().unwrap().ends_with("000001"));
             assert!(ring.start().unwrap().ends_with("000001"));
         }
         fs::remove_dir_all(folder.path().join("000001")).unwrap();
-        let mut ring = Ring::open(folder.path()).unwrap();
+        let mut ring = FolderRing::open(folder.path()).unwrap();
         fs::write(ring.start().unwrap().join("file"), "x").unwrap();
         ring.wrote(1, 9, 9);
         ring.abandon();

@@ -3,22 +3,22 @@
 //! Three threads share the work: capture, detector, and this one, which tracks, assesses threats and sends messages. It
 //! waits for neither of them, nor for a link or a disk, which have threads of their own.
 
-use super::capture::{Camera, Capture};
-use super::config::Config;
+use super::capture::{Capture, CaptureState};
+use super::config::ServiceConfig;
 use super::notify::Notify;
-use super::outputs::{Condition, Outputs};
+use super::outputs::{Condition, ServiceOutputs};
 use super::pace::Pace;
-use super::source::{self, Open};
+use super::source::{self, OpenSource};
 use super::stages::Stages;
-use super::worker::{self, Seen};
+use super::worker::{self, ProcessedFrame};
 use crate::detector::digest::Digest;
 use crate::mavlink::component;
 use crate::mavlink::component::Naming;
 use crate::mavlink::component::parameters::Parameters;
-use crate::mavlink::lookout::Onboard;
+use crate::mavlink::lookout::Lookout;
 use crate::mavlink::messages::Blind;
 use crate::mavlink::messages::adsb::{Assume, Callsign};
-use crate::mavlink::messages::status::{HeartbeatType, State};
+use crate::mavlink::messages::status::{HeartbeatType, LookoutState};
 use crate::mavlink::messages::text::Notice;
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::CameraFile;
@@ -27,7 +27,7 @@ use crate::shell::pipeline::{self, DetectorArgs, ModelFile};
 use crate::shell::replay::telemetry::{self, signing_with};
 use crate::shell::support::clock::now_us;
 use crate::shell::support::histogram::Histogram;
-use crate::shell::support::interrupt::Control;
+use crate::shell::support::interrupt::ServiceOrders;
 use crate::shell::support::keeper::Keeper;
 use crate::tracking::tracker;
 use crossbeam_channel::{Receiver, bounded, select};
@@ -72,7 +72,7 @@ const STATUS_US: i64 = 1_000_000;
 
 /// Totals of a run.
 #[derive(Debug, Default)]
-pub struct Summary {
+pub struct ServiceSummary {
     /// Processed frames.
     pub frames: u64,
     /// Frames left out because the detector was busy.
@@ -91,7 +91,7 @@ pub struct Summary {
     pub unplaced: String,
 }
 
-impl fmt::Display for Summary {
+impl fmt::Display for ServiceSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { frames, dropped, missed, opened, digest, stages, sent, unplaced } = self;
         writeln!(
@@ -110,17 +110,17 @@ impl fmt::Display for Summary {
 /// # Errors
 /// [`Error`]: what can be known to be wrong at the start, and a file that cannot be read further.
 pub fn run(
-    config: Config,
-    reread: &dyn Fn() -> Result<Config, Error>,
-    control: &Control,
-    open: &Open,
-) -> Result<Summary, Error> {
+    config: ServiceConfig,
+    reread: &dyn Fn() -> Result<ServiceConfig, Error>,
+    control: &ServiceOrders,
+    open: &OpenSource,
+) -> Result<ServiceSummary, Error> {
     let file = ModelFile::load(config.model.as_deref())?;
     let model = file.parse()?;
     let capture = Capture::default();
     let (worker_pulse, stop) = (AtomicU64::new(0), AtomicBool::new(false));
     let (sender, seen) = bounded(WAITING);
-    let tracks = tracker::Settings::calibrated(model.calibration());
+    let tracks = tracker::TrackerSettings::calibrated(model.calibration());
     let mut service = Service::new(config.clone(), tracks, &capture, &worker_pulse)?;
     let heard = service.links.heard().clone();
     let panicked = AtomicBool::new(false);
@@ -179,7 +179,7 @@ impl Drop for Flag<'_> {
 
 /// State of the main loop.
 struct Service<'a> {
-    config: Config,
+    config: ServiceConfig,
     own_camera: Option<CameraFile>,
     /// Size of the frames that the camera model is made for, pixels.
     size: Option<(usize, usize)>,
@@ -188,7 +188,7 @@ struct Service<'a> {
     pulses: [&'a AtomicU64; 2],
     fed: [u64; 2],
     links: Links,
-    onboard: Onboard,
+    onboard: Lookout,
     /// The parameters as they were last handed over to be kept, and who keeps them.
     kept: Parameters,
     keeper: Option<Keeper>,
@@ -197,20 +197,20 @@ struct Service<'a> {
     noticed_us: i64,
     /// Whether a peer that signs with a time of the future was reported.
     refused_future: bool,
-    outputs: Outputs,
+    outputs: ServiceOutputs,
     notify: Notify,
-    summary: Summary,
+    summary: ServiceSummary,
     pace: Pace,
     blind: Blind,
-    state: State,
+    state: LookoutState,
     /// Frames and time of the last status.
     status: (u64, i64),
 }
 
 impl<'a> Service<'a> {
     fn new(
-        config: Config,
-        tracks: tracker::Settings,
+        config: ServiceConfig,
+        tracks: tracker::TrackerSettings,
         capture: &'a Capture,
         worker_pulse: &'a AtomicU64,
     ) -> Result<Self, Error> {
@@ -223,9 +223,9 @@ impl<'a> Service<'a> {
         let links = Links::open_signed(&specs(&config), signing);
         let own_camera = source::own_camera(&config)?;
         let camera = source::first_camera(&config, own_camera.as_ref())?;
-        let onboard = Onboard::new(camera, tracks, component(&config), kept, now_us());
+        let onboard = Lookout::new(camera, tracks, component(&config), kept, now_us());
         let state = onboard.component().state();
-        let outputs = Outputs::open(&config, own_camera.as_ref(), tracks.keep_score);
+        let outputs = ServiceOutputs::open(&config, own_camera.as_ref(), tracks.keep_score);
         Ok(Self {
             own_camera,
             size: None,
@@ -241,7 +241,7 @@ impl<'a> Service<'a> {
             refused_future: false,
             outputs,
             notify: Notify::from_environment(),
-            summary: Summary::default(),
+            summary: ServiceSummary::default(),
             pace: Pace::default(),
             blind: Blind::NO,
             state,
@@ -252,9 +252,9 @@ impl<'a> Service<'a> {
 
     fn serve(
         &mut self,
-        seen: Receiver<Seen>,
-        reread: &dyn Fn() -> Result<Config, Error>,
-        control: &Control,
+        seen: Receiver<ProcessedFrame>,
+        reread: &dyn Fn() -> Result<ServiceConfig, Error>,
+        control: &ServiceOrders,
         panicked: &AtomicBool,
     ) -> Result<(), Error> {
         let inbound = self.links.inbound().clone();
@@ -276,7 +276,7 @@ impl<'a> Service<'a> {
             self.speak(None);
             self.tick();
             let drained = self.capture.mailbox.is_drained(self.summary.frames);
-            if self.capture.state() == Camera::Ended && drained {
+            if self.capture.state() == CaptureState::Ended && drained {
                 break;
             }
         }
@@ -297,7 +297,7 @@ impl<'a> Service<'a> {
         }
     }
 
-    fn see(&mut self, seen: Seen) -> Result<(), Error> {
+    fn see(&mut self, seen: ProcessedFrame) -> Result<(), Error> {
         let received_us = now_us();
         let size = (seen.frame.width, seen.frame.height);
         if self.size != Some(size) {
@@ -336,15 +336,20 @@ impl<'a> Service<'a> {
         if state != self.state {
             self.state = state;
             match state {
-                State::Watching | State::Starting => tracing::info!("{}", state_in_words(state)),
-                State::Blind(_) | State::Stalled | State::Slow | State::NoAutopilot => {
+                LookoutState::Watching | LookoutState::Starting => {
+                    tracing::info!("{}", state_in_words(state))
+                }
+                LookoutState::Blind(_)
+                | LookoutState::Stalled
+                | LookoutState::Slow
+                | LookoutState::NoAutopilot => {
                     tracing::warn!("{}", state_in_words(state));
                 }
             }
         }
         if self.notify.is_due() {
             let now = self.pulses.map(|pulse| pulse.load(Ordering::Relaxed));
-            let ended = self.capture.state() == Camera::Ended;
+            let ended = self.capture.state() == CaptureState::Ended;
             if (now[0] != self.fed[0] || ended) && now[1] != self.fed[1] {
                 self.fed = now;
                 self.notify.feed();
@@ -417,7 +422,7 @@ impl<'a> Service<'a> {
     fn in_words(&self, condition: &Condition) -> String {
         let mut words = state_in_words(condition.state);
         let rate = condition.frames.2;
-        if let Camera::Gone(reason) = &condition.camera {
+        if let CaptureState::Gone(reason) = &condition.camera {
             words = format!("{words} ({reason})");
         }
         let autopilot = match self.onboard.component().autopilot() {
@@ -427,7 +432,7 @@ impl<'a> Service<'a> {
         format!("{words}; {rate:.1} frames a second, {autopilot}")
     }
 
-    fn reload(&mut self, reread: &dyn Fn() -> Result<Config, Error>) {
+    fn reload(&mut self, reread: &dyn Fn() -> Result<ServiceConfig, Error>) {
         let config = match reread() {
             Ok(config) => config,
             Err(error) => {
@@ -461,8 +466,8 @@ impl<'a> Service<'a> {
         self.config = config;
     }
 
-    fn finish(self) -> Result<Summary, Error> {
-        Ok(Summary {
+    fn finish(self) -> Result<ServiceSummary, Error> {
+        Ok(ServiceSummary {
             dropped: self.capture.mailbox.dropped(),
             missed: self.capture.missed.load(Ordering::Relaxed),
             opened: self.capture.opened.load(Ordering::Relaxed),
@@ -492,18 +497,18 @@ fn parameters(path: Option<&Path>) -> (Parameters, Option<Keeper>) {
     }
 }
 
-fn specs(config: &Config) -> Vec<LinkSpec> {
+fn specs(config: &ServiceConfig) -> Vec<LinkSpec> {
     config.links.iter().map(|link| link.0.clone()).collect()
 }
 
 /// Settings of the component that do not change.
-fn component(config: &Config) -> component::Config {
-    let defaults = component::Config::default();
+fn component(config: &ServiceConfig) -> component::ComponentConfig {
+    let defaults = component::ComponentConfig::default();
     let pixels = |side: u32| u16::try_from(side).unwrap_or(u16::MAX);
-    component::Config {
+    component::ComponentConfig {
         system_id: config.system_id,
         component_id: config.component_id,
-        camera: config.camera_component.map(|component_id| component::Camera {
+        camera: config.camera_component.map(|component_id| component::CameraComponent {
             component_id,
             width: pixels(config.camera.width),
             height: pixels(config.camera.height),
@@ -522,7 +527,7 @@ fn component(config: &Config) -> component::Config {
 }
 
 /// Names of objects by the settings.
-fn naming(config: &Config) -> Naming {
+fn naming(config: &ServiceConfig) -> Naming {
     let assume = match config.traffic.assume.as_str() {
         "aircraft" => Assume::Aircraft,
         _ => Assume::Drone,
@@ -534,14 +539,14 @@ fn naming(config: &Config) -> Naming {
     naming
 }
 
-fn state_in_words(state: State) -> String {
+fn state_in_words(state: LookoutState) -> String {
     match state {
-        State::Starting => "starting, no frame yet".into(),
-        State::Watching => "watching for traffic".into(),
-        State::Stalled => "no frames, traffic is not watched".into(),
-        State::Slow => "the detector is too slow, traffic is not watched".into(),
-        State::NoAutopilot => "watching, but the autopilot is gone".into(),
-        State::Blind(blind) => {
+        LookoutState::Starting => "starting, no frame yet".into(),
+        LookoutState::Watching => "watching for traffic".into(),
+        LookoutState::Stalled => "no frames, traffic is not watched".into(),
+        LookoutState::Slow => "the detector is too slow, traffic is not watched".into(),
+        LookoutState::NoAutopilot => "watching, but the autopilot is gone".into(),
+        LookoutState::Blind(blind) => {
             let reasons: Vec<_> = blind.reasons().collect();
             format!("blind: {}; traffic is not watched", reasons.join(", "))
         }

@@ -1,7 +1,7 @@
 //! Opens the live source that the settings name.
 
-use super::config::Config;
-pub use super::live_source::{LiveError, LiveSource, Taken};
+use super::config::ServiceConfig;
+pub use super::live_source::{CaptureInfo, LiveError, LiveSource};
 use super::paced::{Paced, Rewind};
 use super::source_setting::SourceSetting;
 use super::stream;
@@ -10,7 +10,7 @@ use crate::shell::error::Error;
 use crate::shell::formats::camera_file::{CameraArgs, CameraFile};
 use crate::shell::link::Inbound;
 use crate::shell::simulate::source::Simulated;
-use crate::shell::simulate::{Kind, SimulateSettings, Simulator, Telemetry};
+use crate::shell::simulate::{FlightTelemetry, Manoeuvre, SimulateSettings, Simulator};
 use crate::shell::sources;
 use crossbeam_channel::Sender;
 use std::boxed::Box;
@@ -19,10 +19,11 @@ use std::format;
 use std::path::Path;
 
 /// Makes the source of the settings; telemetry of a simulated vehicle goes into the channel.
-pub type Open =
-    dyn Fn(&Config, &Sender<Inbound>) -> Result<Box<dyn LiveSource>, LiveError> + Send + Sync;
+pub type OpenSource = dyn Fn(&ServiceConfig, &Sender<Inbound>) -> Result<Box<dyn LiveSource>, LiveError>
+    + Send
+    + Sync;
 
-fn simulated(config: &Config, kind: Kind) -> SimulateSettings {
+fn simulated(config: &ServiceConfig, kind: Manoeuvre) -> SimulateSettings {
     SimulateSettings {
         kind,
         seconds: 20.0,
@@ -37,7 +38,10 @@ fn simulated(config: &Config, kind: Kind) -> SimulateSettings {
 ///
 /// # Errors
 /// [`LiveError::Gone`], [`LiveError::Broken`].
-pub fn open(config: &Config, heard: &Sender<Inbound>) -> Result<Box<dyn LiveSource>, LiveError> {
+pub fn open(
+    config: &ServiceConfig,
+    heard: &Sender<Inbound>,
+) -> Result<Box<dyn LiveSource>, LiveError> {
     let mut telemetry = None;
     let rewind: Rewind = match &config.source {
         SourceSetting::Camera(path) => return super::v4l2::open(path, &config.camera),
@@ -62,7 +66,7 @@ pub fn open(config: &Config, heard: &Sender<Inbound>) -> Result<Box<dyn LiveSour
         }
         SourceSetting::Simulated(kind) => {
             let settings = simulated(config, *kind);
-            telemetry = Some((Telemetry::of(&settings), heard.clone()));
+            telemetry = Some((FlightTelemetry::of(&settings), heard.clone()));
             Box::new(move || Ok(Box::new(Simulated::new(&settings))))
         }
     };
@@ -78,7 +82,7 @@ fn is_pipe(path: &Path) -> bool {
 ///
 /// # Errors
 /// As [`CameraFile::beside`].
-pub fn own_camera(config: &Config) -> Result<Option<CameraFile>, Error> {
+pub fn own_camera(config: &ServiceConfig) -> Result<Option<CameraFile>, Error> {
     match &config.source {
         SourceSetting::File(path) => Ok(CameraFile::beside(path)?),
         SourceSetting::Simulated(kind) => {
@@ -93,8 +97,8 @@ pub fn own_camera(config: &Config) -> Result<Option<CameraFile>, Error> {
 /// The camera until the first frame comes, which may have another size where a file or a stream is read.
 ///
 /// # Errors
-/// As [`Config::camera`].
-pub fn first_camera(config: &Config, own: Option<&CameraFile>) -> Result<Camera, Error> {
+/// As [`ServiceConfig::camera`].
+pub fn first_camera(config: &ServiceConfig, own: Option<&CameraFile>) -> Result<Camera, Error> {
     let size = (config.camera.width as usize, config.camera.height as usize);
     match &config.source {
         SourceSetting::File(_) | SourceSetting::Address(_) | SourceSetting::Program { .. } => {

@@ -1,6 +1,6 @@
 //! The value of `source` in the settings: which camera, stream, program or file frames come from.
 
-use crate::shell::simulate::Kind;
+use crate::shell::simulate::Manoeuvre;
 use crate::shell::sources::y4m::RawLayout;
 use clap::ValueEnum;
 use serde::Deserialize;
@@ -14,7 +14,7 @@ const SCHEMES: [&str; 9] = ["rtsp", "rtsps", "rtmp", "http", "https", "udp", "tc
 
 /// Where frames come from.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "Written")]
+#[serde(try_from = "SourceSpelling")]
 pub enum SourceSetting {
     /// `v4l2:DEVICE`: a V4L2 video node.
     Camera(PathBuf),
@@ -31,13 +31,13 @@ pub enum SourceSetting {
     /// `file:PATH`: a recording, played at its own rate.
     File(PathBuf),
     /// `simulate:KIND`.
-    Simulated(Kind),
+    Simulated(Manoeuvre),
 }
 
 /// As it stands in the file.
 #[derive(Deserialize)]
 #[serde(untagged)]
-enum Written {
+enum SourceSpelling {
     Text(String),
     Table(ProgramTable),
 }
@@ -69,13 +69,13 @@ pub enum SourceSettingError {
     NoProgram,
 }
 
-impl TryFrom<Written> for SourceSetting {
+impl TryFrom<SourceSpelling> for SourceSetting {
     type Error = SourceSettingError;
 
-    fn try_from(written: Written) -> Result<Self, SourceSettingError> {
+    fn try_from(written: SourceSpelling) -> Result<Self, SourceSettingError> {
         match written {
-            Written::Text(text) => text.parse(),
-            Written::Table(ProgramTable { exec, raw }) => match exec.first() {
+            SourceSpelling::Text(text) => text.parse(),
+            SourceSpelling::Table(ProgramTable { exec, raw }) => match exec.first() {
                 Some(program) if !program.is_empty() => Ok(Self::Program { words: exec, raw }),
                 _ => Err(SourceSettingError::NoProgram),
             },
@@ -93,7 +93,7 @@ impl std::str::FromStr for SourceSetting {
                 Err(SourceSettingError::Live)
             }
             Some(("file", path)) if !path.is_empty() => Ok(Self::File(path.into())),
-            Some(("simulate", kind)) => Kind::from_str(kind, false)
+            Some(("simulate", kind)) => Manoeuvre::from_str(kind, false)
                 .map(Self::Simulated)
                 .map_err(|_| SourceSettingError::Form),
             Some((scheme, rest)) if SCHEMES.contains(&scheme) && rest.len() > 2 => {
@@ -115,7 +115,7 @@ impl SourceSetting {
             toml::Value::String(text) => text.parse::<Self>().map(drop),
             toml::Value::Table(_) => {
                 let table = value.clone().try_into().map_err(|_| SourceSettingError::Form)?;
-                Self::try_from(Written::Table(table)).map(drop)
+                Self::try_from(SourceSpelling::Table(table)).map(drop)
             }
             _ => Err(SourceSettingError::Form),
         }
@@ -168,7 +168,7 @@ mod tests {
         for (value, wanted, shown) in [
             ("'v4l2:/dev/video0'", SourceSetting::Camera("/dev/video0".into()), "v4l2:/dev/video0"),
             ("'file:a:b.mp4'", SourceSetting::File("a:b.mp4".into()), "file:a:b.mp4"),
-            ("'simulate:hover'", SourceSetting::Simulated(Kind::Hover), "simulate:hover"),
+            ("'simulate:hover'", SourceSetting::Simulated(Manoeuvre::Hover), "simulate:hover"),
             (
                 "'rtsp://10.0.0.2:8554/m'",
                 SourceSetting::Address(text("rtsp://10.0.0.2:8554/m")),

@@ -1,7 +1,7 @@
 //! Latency of each stage, from the exposure of a frame to the last byte sent about it.
 
-use super::worker::Seen;
-use crate::detector::Stage;
+use super::worker::ProcessedFrame;
+use crate::detector::DetectorStage;
 use crate::shell::support::histogram::Histogram;
 use std::fmt::Write;
 use std::string::String;
@@ -21,14 +21,15 @@ pub struct Stages {
 
 impl Default for Stages {
     fn default() -> Self {
-        let names = [BEFORE].into_iter().chain(Stage::ALL.map(Stage::name)).chain(AFTER);
+        let names =
+            [BEFORE].into_iter().chain(DetectorStage::ALL.map(DetectorStage::name)).chain(AFTER);
         Self { stages: names.map(|name| (name, Histogram::default())).collect() }
     }
 }
 
 impl Stages {
     /// Counts a frame whose tracks were ready at `tracked_us`.
-    pub fn add(&mut self, seen: &Seen, received_us: i64, tracked_us: i64) {
+    pub fn add(&mut self, seen: &ProcessedFrame, received_us: i64, tracked_us: i64) {
         let exposed_us = seen.frame.time_us;
         let mut last = exposed_us;
         let steps = [seen.begun_us]

@@ -1,8 +1,8 @@
 //! A network stream, or a program that writes frames, as a live source.
 
-use super::config::Config;
-use super::live_source::{LiveError, LiveSource, Taken};
-use crate::shell::sources::stream::{Stream, StreamError, StreamSettings};
+use super::config::ServiceConfig;
+use super::live_source::{CaptureInfo, LiveError, LiveSource};
+use crate::shell::sources::stream::{ProgramStream, StreamError, StreamSettings};
 use crate::shell::sources::y4m::{Header, RawLayout};
 use crate::shell::sources::{self, Frame};
 use std::boxed::Box;
@@ -19,7 +19,7 @@ use std::vec::Vec;
 pub fn open(
     command: Vec<OsString>,
     raw: Option<RawLayout>,
-    config: &Config,
+    config: &ServiceConfig,
 ) -> Result<Box<dyn LiveSource>, LiveError> {
     let (width, height) = (config.camera.width as usize, config.camera.height as usize);
     let settings = StreamSettings {
@@ -29,14 +29,15 @@ pub fn open(
         timeout: Duration::from_millis(config.stream.timeout_ms.into()),
         secret: config.source.secret().map(String::from),
     };
-    let stream = Stream::start(settings).map_err(|error| LiveError::Gone(error.to_string()))?;
+    let stream =
+        ProgramStream::start(settings).map_err(|error| LiveError::Gone(error.to_string()))?;
     Ok(Box::new(stream))
 }
 
-impl LiveSource for Stream {
-    fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<Taken, LiveError> {
+impl LiveSource for ProgramStream {
+    fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<CaptureInfo, LiveError> {
         match Self::next(self, frame, timeout) {
-            Ok(passed_over) => Ok(Taken { missed: 0, passed_over }),
+            Ok(passed_over) => Ok(CaptureInfo { missed: 0, passed_over }),
             Err(StreamError::Timeout) => Err(LiveError::Timeout),
             Err(error) => Err(LiveError::Gone(error.to_string())),
         }
@@ -50,7 +51,7 @@ impl LiveSource for Stream {
 
 /// The `ffmpeg` that receives `input` with as little delay as it can and gives grey frames of at most
 /// `camera.width` x `camera.height`, in the stream's own shape: what is dropped there need not cross the pipe.
-pub fn receiver(input: &str, config: &Config) -> Vec<OsString> {
+pub fn receiver(input: &str, config: &ServiceConfig) -> Vec<OsString> {
     let (width, height) = (config.camera.width, config.camera.height);
     let scale = format!(
         "scale=w='min(iw,{width})':h='min(ih,{height})':force_original_aspect_ratio=decrease,format=gray"

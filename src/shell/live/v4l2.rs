@@ -12,37 +12,37 @@ use std::path::Path;
 /// that is plugged in next.
 #[cfg(target_os = "linux")]
 pub fn open(path: &Path, config: &CameraConfig) -> Result<Box<dyn LiveSource>, LiveError> {
-    use crate::shell::sources::v4l2::{Camera, Settings};
+    use crate::shell::sources::v4l2::{CameraSettings, V4l2Camera};
     use std::string::ToString;
     let gone = |reason: std::string::String| LiveError::Gone(reason);
     let format = config.format.as_deref().map(str::parse).transpose().map_err(gone)?;
-    let settings = Settings {
+    let settings = CameraSettings {
         width: config.width,
         height: config.height,
         rate: Some(config.rate),
         format,
         controls: config.controls.clone(),
     };
-    let camera = Camera::open(path, &settings).map_err(|error| gone(error.to_string()))?;
+    let camera = V4l2Camera::open(path, &settings).map_err(|error| gone(error.to_string()))?;
     let (format, width, height) = camera.format();
     tracing::info!(%format, width, height, rate = ?camera.rate(), "{}: camera", path.display());
     Ok(Box::new(camera))
 }
 
 #[cfg(target_os = "linux")]
-impl LiveSource for crate::shell::sources::v4l2::Camera {
+impl LiveSource for crate::shell::sources::v4l2::V4l2Camera {
     fn next(
         &mut self,
         frame: &mut crate::shell::sources::Frame,
         timeout: std::time::Duration,
-    ) -> Result<super::live_source::Taken, LiveError> {
-        use crate::shell::sources::v4l2::CameraError;
+    ) -> Result<super::live_source::CaptureInfo, LiveError> {
+        use crate::shell::sources::v4l2::V4l2Error;
         use std::string::ToString;
         let taken = Self::next(self, frame, timeout).map_err(|error| match error {
-            CameraError::Timeout => LiveError::Timeout,
+            V4l2Error::Timeout => LiveError::Timeout,
             error => LiveError::Gone(error.to_string()),
         })?;
-        Ok(super::live_source::Taken {
+        Ok(super::live_source::CaptureInfo {
             missed: taken.missed + taken.damaged,
             passed_over: taken.passed_over,
         })

@@ -1,8 +1,8 @@
 //! Detector thread: takes the newest frame and sends its detections to the main loop.
 
-use super::image_health::Sight;
+use super::image_health::ImageHealth;
 use super::mailbox::Mailbox;
-use crate::detector::{Detections, Stage};
+use crate::detector::{Detections, DetectorStage};
 use crate::mavlink::messages::Blind;
 use crate::model::Model;
 use crate::shell::error::Error;
@@ -21,7 +21,7 @@ const SLICE: Duration = Duration::from_millis(100);
 
 /// A frame and its detections.
 #[derive(Debug)]
-pub struct Seen {
+pub struct ProcessedFrame {
     /// The processed frame.
     pub frame: Arc<Frame>,
     /// Its detections.
@@ -31,7 +31,7 @@ pub struct Seen {
     /// Time at which the detector began, microseconds.
     pub begun_us: i64,
     /// Time at which each stage ended, microseconds.
-    pub ended_us: [i64; Stage::ALL.len()],
+    pub ended_us: [i64; DetectorStage::ALL.len()],
 }
 
 /// The result, or a line in the log.
@@ -48,10 +48,10 @@ pub fn run(
     args: &DetectorArgs,
     mailbox: &Mailbox,
     pulse: &AtomicU64,
-    seen: &Sender<Seen>,
+    seen: &Sender<ProcessedFrame>,
     stop: &AtomicBool,
 ) -> Result<(), Error> {
-    let mut sight = Sight::default();
+    let mut sight = ImageHealth::default();
     let mut next: Option<Arc<Frame>> = None;
     let mut number = 0;
     // A mask is not needed to watch: without it there are more false alarms.
@@ -79,8 +79,8 @@ pub fn run(
             number += 1;
             let begun_us = now_us();
             let blind = sight.judge(&frame);
-            let mut ended_us = [0; Stage::ALL.len()];
-            let mut observer = |stage: Stage| ended_us[stage as usize] = now_us();
+            let mut ended_us = [0; DetectorStage::ALL.len()];
+            let mut observer = |stage: DetectorStage| ended_us[stage as usize] = now_us();
             let mut found = Detections::default();
             detector
                 .process_observed(frame.view(), frame.time_us, &mut found, &mut observer)
@@ -89,7 +89,7 @@ pub fn run(
                     frame: number,
                     source,
                 })?;
-            let looked = Seen { frame, found, blind, begun_us, ended_us };
+            let looked = ProcessedFrame { frame, found, blind, begun_us, ended_us };
             if seen.send(looked).is_err() {
                 return Ok(());
             }

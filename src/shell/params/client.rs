@@ -82,7 +82,7 @@ pub enum ParamsError {
 
 /// Client of the parameter protocol: a state machine without I/O.
 #[derive(Debug)]
-pub struct Client {
+pub struct ParameterClient {
     wish: Wish,
     component: u8,
     /// System id of the lookout, once heard.
@@ -97,7 +97,7 @@ pub struct Client {
     complete: bool,
 }
 
-impl Client {
+impl ParameterClient {
     /// Has asked nothing yet.
     pub fn new(wish: Wish, component: u8, now_us: i64) -> Self {
         Self {
@@ -261,12 +261,12 @@ fn wire_name(name: &str) -> CharArray<16> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mavlink::component::{Component, Config, Trust};
+    use crate::mavlink::component::{Component, ComponentConfig, Trust};
 
     /// A client and a lookout on a link that loses every third frame.
     fn talk(wish: Wish) -> Result<Vec<Value>, ParamsError> {
-        let mut component = Component::new(Config::default(), Default::default(), 0);
-        let mut client = Client::new(wish, 196, 0);
+        let mut component = Component::new(ComponentConfig::default(), Default::default(), 0);
+        let mut client = ParameterClient::new(wish, 196, 0);
         let mut frames = 0;
         for now_us in (0..10_000_000).step_by(20_000) {
             while let Some(payload) = client.poll(now_us) {
@@ -307,7 +307,7 @@ mod tests {
         );
         assert!(error(Wish::Set("WP_SPEED".into(), 1.0)).contains("WP_SPEED: no such parameter"));
         assert!(error(Wish::Get(Vec::from(["LK_X".into()]))).contains("no such parameter"));
-        let client = Client::new(Wish::Get(Vec::new()), 196, 0);
+        let client = ParameterClient::new(Wish::Get(Vec::new()), 196, 0);
         let silent = client.finish(&"udpin:127.0.0.1:1".parse().unwrap(), 3).unwrap_err();
         assert!(silent.to_string().contains("no lookout with component id 196"));
     }

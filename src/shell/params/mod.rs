@@ -10,7 +10,7 @@ use super::support::clock::now_us;
 use super::support::interrupt::{self, Ended};
 use crate::mavlink::component::{Destination, Outgoing, Priority};
 use crate::shell::support::print::print_line;
-use client::{Client, Value};
+use client::{ParameterClient, Value};
 pub use client::{ParamsError, Wish};
 use std::format;
 use std::string::String;
@@ -77,7 +77,7 @@ pub fn run(args: &ParamsArgs) -> Result<Ended, Error> {
     };
     interrupt::watch()?;
     let mut links = Links::open(core::slice::from_ref(&link.link));
-    let mut client = Client::new(wish, link.component, now_us());
+    let mut client = ParameterClient::new(wish, link.component, now_us());
     let end = Instant::now() + Duration::from_secs(link.seconds.into());
     while !client.is_complete() && Instant::now() < end {
         if interrupt::requested() {

@@ -4,7 +4,7 @@ use crate::detector::{Detection, Detections};
 use crate::image::Rect;
 use crate::shell::formats::detections::Decimal;
 use crate::shell::sources::Frame;
-use crate::tracking::traffic::{Level, Traffic};
+use crate::tracking::traffic::{AlertLevel, Traffic};
 use fixed::types::I28F4;
 use std::format;
 use std::vec::Vec;
@@ -17,7 +17,7 @@ const MOTION_SCALE: i32 = 4;
 
 /// A colour picture: rows of `width` pixels, red green blue.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Picture {
+pub struct ColourPicture {
     /// The bytes, three a pixel.
     pub rgb: Vec<u8>,
     /// Pixels in a row.
@@ -26,7 +26,7 @@ pub struct Picture {
     pub height: usize,
 }
 
-impl Picture {
+impl ColourPicture {
     /// The frame in grey, written over what this picture was (its memory is used again).
     pub fn grey(&mut self, frame: &Frame) {
         self.rgb.clear();
@@ -50,9 +50,9 @@ impl Picture {
     pub fn tracks(&mut self, traffic: &[Traffic]) {
         for track in traffic.iter().filter(|track| track.confirmed) {
             let colour = match track.level {
-                Level::None | Level::Traffic => [255, 255, 255],
-                Level::Caution => [255, 200, 0],
-                Level::Warning => [255, 0, 0],
+                AlertLevel::None | AlertLevel::Traffic => [255, 255, 255],
+                AlertLevel::Caution => [255, 200, 0],
+                AlertLevel::Warning => [255, 0, 0],
             };
             let [left, top, _, bottom] = self.outline(track.rect, 3, colour);
             let id = format!("{}", track.id);
@@ -222,7 +222,12 @@ mod tests {
     use proptest::prelude::*;
     use std::vec;
 
-    fn annotated(size: (usize, usize), rect: [i32; 4], shift: [i32; 2], score: i32) -> Picture {
+    fn annotated(
+        size: (usize, usize),
+        rect: [i32; 4],
+        shift: [i32; 2],
+        score: i32,
+    ) -> ColourPicture {
         let frame =
             Frame { pixels: vec![9; size.0 * size.1], width: size.0, height: size.1, time_us: 0 };
         let [x, y, width, height] = rect.map(I28F4::from_bits);
@@ -235,14 +240,14 @@ mod tests {
         };
         let mut detections = Detections::default();
         detections.list.push(detection).unwrap();
-        let mut picture = Picture::default();
+        let mut picture = ColourPicture::default();
         picture.grey(&frame);
         picture.detections(&detections);
         picture
     }
 
     /// The picture as text: grey '.', box '#', motion '*'.
-    fn drawn(picture: &Picture) -> Vec<std::string::String> {
+    fn drawn(picture: &ColourPicture) -> Vec<std::string::String> {
         let mark = |p: &[u8]| match p {
             p if p == BOX => '#',
             p if p == MOTION => '*',

@@ -3,7 +3,7 @@
 //! The source is read a second time beside the grey one. Pictures whose brightness is not that of the grey frame are out of
 //! step with it and are not used.
 
-use super::annotate::Picture;
+use super::annotate::ColourPicture;
 use crate::shell::sources::{self, Folder, Frame};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -27,17 +27,17 @@ pub enum Colours {
     /// Pictures of a folder, from the next one on.
     Folder(vec::IntoIter<PathBuf>),
     /// A video.
-    Video(Video),
+    Video(ColourVideo),
 }
 
 /// A video decoded to red, green, blue by `ffmpeg`; the process is ended with it.
 #[derive(Debug)]
-pub struct Video {
+pub struct ColourVideo {
     child: Child,
     output: ChildStdout,
 }
 
-impl Drop for Video {
+impl Drop for ColourVideo {
     fn drop(&mut self) {
         // Both fail only when the process has ended already.
         let _ = self.child.kill();
@@ -75,13 +75,13 @@ impl Colours {
             .spawn();
         let Ok(mut child) = started else { return Self::Grey };
         match child.stdout.take() {
-            Some(output) => Self::Video(Video { child, output }),
+            Some(output) => Self::Video(ColourVideo { child, output }),
             None => Self::Grey,
         }
     }
 
     /// Writes the next frame, which is `frame`, over `picture`; in grey where it has no colours, and from there on.
-    pub fn next(&mut self, frame: &Frame, picture: &mut Picture) {
+    pub fn next(&mut self, frame: &Frame, picture: &mut ColourPicture) {
         (picture.width, picture.height) = (frame.width, frame.height);
         picture.rgb.resize(frame.pixels.len() * 3, 0);
         let read = match self {
@@ -102,7 +102,7 @@ impl Colours {
 }
 
 /// Whether it could be decoded and has the size of the picture that it is written over.
-fn decode(path: &Path, picture: &mut Picture) -> bool {
+fn decode(path: &Path, picture: &mut ColourPicture) -> bool {
     let reader = image::ImageReader::open(path).and_then(|reader| reader.with_guessed_format());
     let Some(decoded) = reader.ok().and_then(|reader| reader.decode().ok()) else { return false };
     let same =
@@ -139,7 +139,7 @@ mod tests {
         let input = folder.path().to_str().unwrap();
         let mut colours = Colours::open(Some(Path::new(input)));
         let mut source = sources::open(input).unwrap();
-        let (mut frame, mut picture) = (Frame::default(), Picture::default());
+        let (mut frame, mut picture) = (Frame::default(), ColourPicture::default());
         for n in 0..3 {
             assert!(source.next_frame(&mut frame).unwrap());
             colours.next(&frame, &mut picture);
@@ -173,7 +173,7 @@ mod tests {
         let input = path.to_str().unwrap();
         let mut colours = Colours::open(Some(Path::new(input)));
         let mut source = sources::open(input).unwrap();
-        let (mut frame, mut picture) = (Frame::default(), Picture::default());
+        let (mut frame, mut picture) = (Frame::default(), ColourPicture::default());
         let mut frames = 0;
         while source.next_frame(&mut frame).unwrap() {
             colours.next(&frame, &mut picture);

@@ -5,7 +5,7 @@ pub mod colour;
 pub mod strip;
 
 use crate::shell::support::file_error::FileError;
-use annotate::Picture;
+use annotate::ColourPicture;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use std::io::{self, Read, Write};
@@ -34,14 +34,14 @@ pub enum PictureError {
 
 /// Output of pictures.
 #[derive(Debug)]
-pub enum Pictures {
+pub enum PictureOutput {
     /// `000001.png`, `000002.png`, .. in a folder.
     Folder(PathBuf),
     /// A video file.
-    Video(Video),
+    Video(VideoWriter),
 }
 
-impl Pictures {
+impl PictureOutput {
     /// A video if the name ends in `.mp4`, else a folder, which is made if it does not exist.
     ///
     /// # Errors
@@ -50,7 +50,7 @@ impl Pictures {
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4")) {
             // An unwritable path fails here rather than in the encoder after some frames.
             fs::File::create(path).map_err(FileError::write(path))?;
-            Ok(Self::Video(Video { path: path.into(), state: State::Empty }))
+            Ok(Self::Video(VideoWriter { path: path.into(), state: VideoState::Empty }))
         } else {
             fs::create_dir_all(path).map_err(FileError::write(path))?;
             Ok(Self::Folder(path.into()))
@@ -65,7 +65,7 @@ impl Pictures {
         &mut self,
         number: u64,
         time_us: i64,
-        picture: &Picture,
+        picture: &ColourPicture,
     ) -> Result<(), PictureError> {
         match self {
             Self::Folder(folder) => write_png(&folder.join(format!("{number:06}.png")), picture),
@@ -85,7 +85,7 @@ impl Pictures {
     }
 }
 
-fn write_png(path: &Path, picture: &Picture) -> Result<(), PictureError> {
+fn write_png(path: &Path, picture: &ColourPicture) -> Result<(), PictureError> {
     let mut bytes = Vec::new();
     let (width, height) = (picture.width as u32, picture.height as u32);
     PngEncoder::new(&mut bytes)
@@ -100,40 +100,40 @@ fn write_png(path: &Path, picture: &Picture) -> Result<(), PictureError> {
 
 /// A video file being written.
 #[derive(Debug)]
-pub struct Video {
+pub struct VideoWriter {
     path: PathBuf,
-    state: State,
+    state: VideoState,
 }
 
 #[derive(Debug)]
-enum State {
+enum VideoState {
     Empty,
     /// The frame rate is known with the second frame only.
     First {
         time_us: i64,
-        picture: Picture,
+        picture: ColourPicture,
     },
-    Running(Encoder),
+    Running(ColourEncoder),
 }
 
 /// Frames a second of a video of one frame.
 const DEFAULT_RATE: f64 = 30.0;
 
-impl Video {
-    fn write(&mut self, time_us: i64, picture: &Picture) -> Result<(), PictureError> {
+impl VideoWriter {
+    fn write(&mut self, time_us: i64, picture: &ColourPicture) -> Result<(), PictureError> {
         match &mut self.state {
-            State::Empty => {
-                self.state = State::First { time_us, picture: picture.clone() };
+            VideoState::Empty => {
+                self.state = VideoState::First { time_us, picture: picture.clone() };
                 Ok(())
             }
-            State::First { time_us: first_us, picture: first } => {
+            VideoState::First { time_us: first_us, picture: first } => {
                 let rate = 1e6 / time_us.saturating_sub(*first_us).max(1) as f64;
-                let mut encoder = Encoder::start(&self.path, first, rate.clamp(1.0, 1000.0))?;
+                let mut encoder = ColourEncoder::start(&self.path, first, rate.clamp(1.0, 1000.0))?;
                 let written = encoder.write(first).and_then(|()| encoder.write(picture));
-                self.state = State::Running(encoder);
+                self.state = VideoState::Running(encoder);
                 self.explained(written)
             }
-            State::Running(encoder) => {
+            VideoState::Running(encoder) => {
                 let written = encoder.write(picture);
                 self.explained(written)
             }
@@ -143,39 +143,39 @@ impl Video {
     /// The encoder's own words where a write to it failed.
     fn explained(&mut self, written: io::Result<()>) -> Result<(), PictureError> {
         let Err(error) = written else { return Ok(()) };
-        match std::mem::replace(&mut self.state, State::Empty) {
-            State::Running(encoder) => encoder.finish(&self.path)?,
-            State::Empty | State::First { .. } => {}
+        match std::mem::replace(&mut self.state, VideoState::Empty) {
+            VideoState::Running(encoder) => encoder.finish(&self.path)?,
+            VideoState::Empty | VideoState::First { .. } => {}
         }
         Err(PictureError::Encoder { path: self.path.clone(), reason: format!("ffmpeg: {error}") })
     }
 
     fn finish(self) -> Result<(), PictureError> {
         match self.state {
-            State::Empty => Ok(()),
-            State::First { picture, .. } => {
-                let mut encoder = Encoder::start(&self.path, &picture, DEFAULT_RATE)?;
-                let mut video = Self { path: self.path, state: State::Empty };
+            VideoState::Empty => Ok(()),
+            VideoState::First { picture, .. } => {
+                let mut encoder = ColourEncoder::start(&self.path, &picture, DEFAULT_RATE)?;
+                let mut video = Self { path: self.path, state: VideoState::Empty };
                 let written = encoder.write(&picture);
-                video.state = State::Running(encoder);
+                video.state = VideoState::Running(encoder);
                 video.explained(written)?;
                 video.finish()
             }
-            State::Running(encoder) => encoder.finish(&self.path),
+            VideoState::Running(encoder) => encoder.finish(&self.path),
         }
     }
 }
 
 /// A running `ffmpeg`.
 #[derive(Debug)]
-struct Encoder {
+struct ColourEncoder {
     child: Child,
     input: ChildStdin,
     complaints: JoinHandle<String>,
 }
 
-impl Encoder {
-    fn start(path: &Path, picture: &Picture, rate: f64) -> Result<Self, PictureError> {
+impl ColourEncoder {
+    fn start(path: &Path, picture: &ColourPicture, rate: f64) -> Result<Self, PictureError> {
         let size = format!("{}x{}", picture.width, picture.height);
         let mut command = Command::new("ffmpeg");
         command
@@ -213,7 +213,7 @@ impl Encoder {
         Ok(Self { child, input, complaints })
     }
 
-    fn write(&mut self, picture: &Picture) -> io::Result<()> {
+    fn write(&mut self, picture: &ColourPicture) -> io::Result<()> {
         self.input.write_all(&picture.rgb)
     }
 

@@ -10,7 +10,7 @@ use crate::detector::{Detection, Detections, Error, MAX_DETECTIONS};
 use crate::image::nms;
 use crate::image::{Image, Rect};
 use crate::registration::warp;
-use crate::registration::{Motion, Registration, buffer_len};
+use crate::registration::{GlobalMotion, Registration, buffer_len};
 use fixed::types::I28F4;
 use std::collections::VecDeque;
 use std::vec;
@@ -46,13 +46,13 @@ const MOST: usize = 512;
 
 /// Finds what moves against the background.
 #[derive(Debug)]
-pub struct Difference {
+pub struct DifferenceDetector {
     width: usize,
     height: usize,
     threshold: i32,
     registration: Registration<Vec<u8>>,
     /// Older frames and the motion from the frame after each to it, newest first.
-    older: VecDeque<(Vec<u8>, Motion)>,
+    older: VecDeque<(Vec<u8>, GlobalMotion)>,
     warped: Vec<u8>,
     difference: Vec<u8>,
     least: Vec<u8>,
@@ -69,7 +69,7 @@ struct Blob {
     sum: u64,
 }
 
-impl Difference {
+impl DifferenceDetector {
     /// For frames of `width` x `height`; detections below `threshold` are not reported (units of
     /// [`Detection::score`]; all without one).
     pub fn new(width: usize, height: usize, threshold: Option<i32>) -> Self {
@@ -105,13 +105,13 @@ impl Difference {
             self.older.truncate(LAGS[1] - 1);
         }
         let pixels = (0..frame.height()).flat_map(|y| frame.row(y)).copied().collect();
-        self.older.push_front((pixels, Motion::IDENTITY));
+        self.older.push_front((pixels, GlobalMotion::IDENTITY));
         Ok(found)
     }
 
     /// The least of the differences to the older frames.
     fn differences(&mut self, frame: Image<'_>) {
-        let motions: Vec<Motion> = self.older.iter().map(|(_, motion)| *motion).collect();
+        let motions: Vec<GlobalMotion> = self.older.iter().map(|(_, motion)| *motion).collect();
         self.least.fill(u8::MAX);
         for lag in LAGS {
             let older = Image::packed(&self.older[lag - 1].0, self.width, self.height)
@@ -208,7 +208,7 @@ mod tests {
 
     /// Frames of a camera that pans over a landscape, with or without a dark square that crosses the picture.
     fn run(square: bool) -> Vec<Detections> {
-        let mut difference = Difference::new(WIDTH, HEIGHT, None);
+        let mut difference = DifferenceDetector::new(WIDTH, HEIGHT, None);
         (0..12)
             .map(|k| {
                 let pan = 1.5 * f64::from(k);
@@ -236,7 +236,7 @@ mod tests {
     #[test]
     fn nothing_moves_nothing_is_found() {
         assert!(run(false).iter().all(|found| found.list.is_empty()));
-        let mut difference = Difference::new(WIDTH, HEIGHT, None);
+        let mut difference = DifferenceDetector::new(WIDTH, HEIGHT, None);
         let small = Image::packed(&[0; 4], 2, 2).unwrap();
         let refused = Err(Error::FrameSize { width: 2, height: 2 });
         assert_eq!(difference.process(small), refused);

@@ -20,7 +20,7 @@ use crate::model::calibration::ONE;
 use crate::model::{Method, Model};
 use crate::shell::support::bounded_file;
 use crate::shell::support::file_error::FileError;
-use difference::Difference;
+use difference::DifferenceDetector;
 use methods::MethodName;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -296,7 +296,7 @@ pub fn run<E: From<PipelineError>>(
     process_all(input, source, first, &mut process, each)
 }
 
-/// Runs [`Difference`], which needs no model, over all frames.
+/// Runs [`DifferenceDetector`], which needs no model, over all frames.
 ///
 /// # Errors
 /// As [`run`].
@@ -307,7 +307,7 @@ pub fn run_difference<E: From<PipelineError>>(
     each: &mut Each<'_, E>,
 ) -> Result<Ended, E> {
     let first = first_frame(input, source)?;
-    let mut difference = Difference::new(first.width, first.height, threshold);
+    let mut difference = DifferenceDetector::new(first.width, first.height, threshold);
     process_all(input, source, first, &mut |frame| difference.process(frame.view()), each)
 }
 

@@ -4,7 +4,7 @@ use super::Frame;
 use crate::detector::{Detections, Shift};
 use crate::image::Rect;
 use crate::image::pyramid;
-use crate::registration::Motion;
+use crate::registration::GlobalMotion;
 use crate::shell::formats::clips::TruthBox;
 use core::fmt;
 use core::str::FromStr;
@@ -121,11 +121,11 @@ impl Scaling {
     }
 
     /// A motion of the frames as seen in pixels of the recorded ones.
-    fn motion(&self, motion: &Motion) -> Motion {
+    fn motion(&self, motion: &GlobalMotion) -> GlobalMotion {
         if !motion.is_valid() {
-            return Motion::IDENTITY;
+            return GlobalMotion::IDENTITY;
         }
-        // The polynomials' arguments are lengths over a power of two that follows the frame's size: see `Motion`.
+        // The polynomials' arguments are lengths over a power of two that follows the frame's size: see `GlobalMotion`.
         let unit = |(width, height): (usize, usize)| width.max(height).next_power_of_two() as f64;
         let units = unit(self.recorded) / unit(self.seen);
         let across = self.recorded.0 as f64 / self.seen.0 as f64;
@@ -144,7 +144,7 @@ impl Scaling {
         for (parameter, factor) in parameters.iter_mut().zip(factors) {
             *parameter = (f64::from(*parameter) * factor).round() as i32;
         }
-        Motion::new(self.recorded.0, self.recorded.1, parameters)
+        GlobalMotion::new(self.recorded.0, self.recorded.1, parameters)
     }
 
     /// A box of a recorded frame where it is in the frame as seen.
@@ -226,7 +226,7 @@ mod tests {
             parameters in prop::array::uniform8(-300_000..300_000i32), x in 0..640i32, y in 0..512i32,
         ) {
             let scaling = Scaling::new(Some("300x240".parse().unwrap()), 640, 512);
-            let seen = Motion::new(300, 240, parameters);
+            let seen = GlobalMotion::new(300, 240, parameters);
             let recorded = scaling.motion(&seen);
             let (across, down) = (640.0 / 300.0, 512.0 / 240.0);
             let q8 = |v: f64| (v * 256.0).round() as i32;

@@ -1,6 +1,6 @@
 //! The newest snapshot and picture: the main loop writes, the server reads, neither waits for the other.
 
-use super::snapshot::{Picture, Snapshot, Track};
+use super::snapshot::{PictureView, Snapshot, TrackView};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use std::vec::Vec;
@@ -20,9 +20,9 @@ pub struct Shown {
     /// Counts the pictures, from 1.
     pub number: u64,
     /// The picture; its size is right.
-    pub picture: Picture,
+    pub picture: PictureView,
     /// The objects in it.
-    pub tracks: Vec<Track>,
+    pub tracks: Vec<TrackView>,
 }
 
 /// The newest snapshot and its ages.
@@ -38,10 +38,10 @@ pub struct Reading {
 
 /// The newest snapshot and the newest picture.
 #[derive(Debug)]
-pub struct Board(Mutex<Newest>);
+pub struct Board(Mutex<Posted>);
 
 #[derive(Debug)]
-struct Newest {
+struct Posted {
     snapshot: Arc<Snapshot>,
     published: Instant,
     /// When number or time of the frames last changed.
@@ -57,7 +57,7 @@ struct Newest {
 
 impl Default for Board {
     fn default() -> Self {
-        Self(Mutex::new(Newest {
+        Self(Mutex::new(Posted {
             snapshot: Arc::default(),
             published: Instant::now(),
             frame: None,
@@ -71,14 +71,14 @@ impl Default for Board {
 
 impl Board {
     /// Held for a few assignments only: no side waits for the other's work.
-    fn newest(&self) -> MutexGuard<'_, Newest> {
+    fn newest(&self) -> MutexGuard<'_, Posted> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// See [`super::Preview::publish`].
     pub fn publish(&self, mut snapshot: Snapshot) {
         let now = Instant::now();
-        let picture = snapshot.picture.take().filter(Picture::is_whole);
+        let picture = snapshot.picture.take().filter(PictureView::is_whole);
         let shown = picture.map(|picture| (picture, snapshot.tracks.clone()));
         let mut newest = self.newest();
         let frame = |snapshot: &Snapshot| (snapshot.health.frames, snapshot.time_us);
@@ -130,7 +130,7 @@ impl Board {
     }
 }
 
-impl Picture {
+impl PictureView {
     /// Whether there are as many pixels as its size says, and JPEG can hold them.
     fn is_whole(&self) -> bool {
         let sides = [self.width, self.height];

@@ -11,7 +11,7 @@ const MAX_FIELDS: usize = 48;
 
 /// The request line.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub struct Request<'a> {
+pub struct RequestLine<'a> {
     /// The method.
     pub method: &'a str,
     /// The part of the target before a question mark.
@@ -28,7 +28,7 @@ pub struct Request<'a> {
     pub close: bool,
 }
 
-impl<'a> Request<'a> {
+impl<'a> RequestLine<'a> {
     /// The request at the start of `bytes` and its length; nothing where its end is not there yet.
     ///
     /// # Errors
@@ -196,7 +196,7 @@ mod tests {
     fn a_browsers_request() {
         let bytes = b"GET /frame.jpg?a=1&token=x%20=y HTTP/1.1\r\nHOST: localhost:8090 \r\n\
             If-None-Match: \"7\"\r\nAuthorization: Bearer abc\r\n\r\nGET";
-        let (request, length) = Request::parse(bytes).unwrap().unwrap();
+        let (request, length) = RequestLine::parse(bytes).unwrap().unwrap();
         assert_eq!(length, bytes.len() - 3);
         assert_eq!((request.method, request.path), ("GET", "/frame.jpg"));
         assert_eq!(request.parameter("token"), Some("x%20=y"));
@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(request.authorization, Some("Bearer abc"));
         assert!(!request.close);
         for end in 0..length {
-            assert_eq!(Request::parse(&bytes[..end]), Ok(None), "{end}");
+            assert_eq!(RequestLine::parse(&bytes[..end]), Ok(None), "{end}");
         }
     }
 
@@ -219,7 +219,7 @@ mod tests {
             ("POST / HTTP/1.1\r\nContent-Length: 3\r\n\r\n", true),
             ("POST / HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\n", true),
         ] {
-            let (request, _) = Request::parse(text.as_bytes()).unwrap().unwrap();
+            let (request, _) = RequestLine::parse(text.as_bytes()).unwrap().unwrap();
             assert_eq!(request.close, close, "{text}");
         }
     }
@@ -236,7 +236,7 @@ mod tests {
             (&many, Status::TooLarge),
             (&long[..MAX_REQUEST], Status::TooLarge),
         ] {
-            assert_eq!(Request::parse(text.as_bytes()), Err(status), "{text}");
+            assert_eq!(RequestLine::parse(text.as_bytes()), Err(status), "{text}");
         }
     }
 
@@ -258,7 +258,7 @@ mod tests {
         #[test]
         fn whatever_comes_is_a_request_or_none(bytes: Vec<u8>, tail in "[ -~\r\n]{0,200}") {
             for bytes in [bytes, std::format!("GET /{tail}\r\n\r\n").into_bytes()] {
-                if let Ok(Some((request, length))) = Request::parse(&bytes) {
+                if let Ok(Some((request, length))) = RequestLine::parse(&bytes) {
                     prop_assert!(length <= bytes.len());
                     let _ = request.parameter("token");
                 }

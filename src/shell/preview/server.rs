@@ -3,7 +3,7 @@
 //! No connection can hold up another one: sockets never block, and each gets a bounded piece of work a turn. When all places
 //! are taken a newcomer gets the place of the one that was served longest ago.
 
-use super::http::{MAX_REQUEST, Request, Response};
+use super::http::{MAX_REQUEST, RequestLine, Response};
 use super::site::Site;
 use mio::net::{TcpListener, TcpStream};
 use mio::{Events, Interest, Poll, Registry, Token, Waker};
@@ -39,7 +39,7 @@ const ANY: Token = Token(0);
 pub struct Server {
     poll: Poll,
     listener: TcpListener,
-    clients: Vec<Client>,
+    clients: Vec<Connection>,
     site: Site,
     stop: Arc<AtomicBool>,
 }
@@ -82,9 +82,9 @@ impl Server {
             let site = &mut self.site;
             self.clients.retain_mut(|client| {
                 let wait = match client.turn(site, now) {
-                    Turn::Gone => return false,
-                    Turn::More => Duration::ZERO,
-                    Turn::Wait => client.deadline.saturating_duration_since(now),
+                    NextStep::Gone => return false,
+                    NextStep::More => Duration::ZERO,
+                    NextStep::Wait => client.deadline.saturating_duration_since(now),
                 };
                 timeout = Some(timeout.map_or(wait, |timeout| timeout.min(wait)));
                 true
@@ -103,7 +103,7 @@ impl Server {
                     {
                         self.clients.swap_remove(oldest);
                     }
-                    self.clients.extend(Client::new(stream, self.poll.registry(), now));
+                    self.clients.extend(Connection::new(stream, self.poll.registry(), now));
                 }
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return None,
                 // A client that left before we looked is no trouble; what else there may be does not pass at once.
@@ -116,7 +116,7 @@ impl Server {
 }
 
 /// A connection.
-struct Client {
+struct Connection {
     stream: TcpStream,
     from: IpAddr,
     step: Step,
@@ -137,7 +137,7 @@ enum Step {
 }
 
 /// Next step for a client.
-enum Turn {
+enum NextStep {
     /// Wait for an event of its socket.
     Wait,
     /// It wants another turn.
@@ -146,7 +146,7 @@ enum Turn {
     Gone,
 }
 
-impl Client {
+impl Connection {
     /// Nothing where the system does not let us watch it.
     fn new(mut stream: TcpStream, registry: &Registry, now: Instant) -> Option<Self> {
         registry.register(&mut stream, ANY, Interest::READABLE | Interest::WRITABLE).ok()?;
@@ -156,9 +156,9 @@ impl Client {
     }
 
     /// One step on the way, or as far as the socket lets it go.
-    fn turn(&mut self, site: &mut Site, now: Instant) -> Turn {
+    fn turn(&mut self, site: &mut Site, now: Instant) -> NextStep {
         if now >= self.deadline {
-            return Turn::Gone;
+            return NextStep::Gone;
         }
         let done = match &self.step {
             Step::Reading => self.read(site, now),
@@ -166,15 +166,15 @@ impl Client {
             Step::Leaving => self.leave(),
         };
         done.unwrap_or_else(|error| match error.kind() {
-            ErrorKind::WouldBlock => Turn::Wait,
-            ErrorKind::Interrupted => Turn::More,
-            _ => Turn::Gone,
+            ErrorKind::WouldBlock => NextStep::Wait,
+            ErrorKind::Interrupted => NextStep::More,
+            _ => NextStep::Gone,
         })
     }
 
-    fn read(&mut self, site: &mut Site, now: Instant) -> io::Result<Turn> {
+    fn read(&mut self, site: &mut Site, now: Instant) -> io::Result<NextStep> {
         loop {
-            let (answer, close) = match Request::parse(&self.request) {
+            let (answer, close) = match RequestLine::parse(&self.request) {
                 Ok(None) => {
                     self.fill(now)?;
                     continue;
@@ -213,8 +213,10 @@ impl Client {
         Ok(())
     }
 
-    fn write(&mut self, now: Instant) -> io::Result<Turn> {
-        let Step::Writing { answer, sent, close } = &mut self.step else { return Ok(Turn::More) };
+    fn write(&mut self, now: Instant) -> io::Result<NextStep> {
+        let Step::Writing { answer, sent, close } = &mut self.step else {
+            return Ok(NextStep::More);
+        };
         while *sent < answer.len() {
             match self.stream.write(&answer[*sent..])? {
                 0 => return Err(ErrorKind::WriteZero.into()),
@@ -230,13 +232,13 @@ impl Client {
             self.step = Step::Reading;
             self.deadline = now + IDLE;
         }
-        Ok(Turn::More)
+        Ok(NextStep::More)
     }
 
-    fn leave(&mut self) -> io::Result<Turn> {
+    fn leave(&mut self) -> io::Result<NextStep> {
         match self.stream.read(&mut [0; MAX_REQUEST])? {
-            0 => Ok(Turn::Gone),
-            _ => Ok(Turn::More),
+            0 => Ok(NextStep::Gone),
+            _ => Ok(NextStep::More),
         }
     }
 }

@@ -2,8 +2,8 @@
 
 use super::board::{Board, STALE, Shown};
 use super::guesses::Guesses;
-use super::http::{Request, Response, Status};
-use super::snapshot::{Health, Snapshot, State};
+use super::http::{RequestLine, Response, Status};
+use super::snapshot::{HealthView, Snapshot, StateView};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use image::ExtendedColorType;
@@ -71,7 +71,7 @@ impl Site {
     }
 
     /// The answer to a request.
-    pub fn answer(&mut self, request: &Request, from: IpAddr) -> Response {
+    pub fn answer(&mut self, request: &RequestLine, from: IpAddr) -> Response {
         if !matches!(request.method, "GET" | "HEAD") {
             let line = "405: this page only shows; use GET";
             return Response::text(Status::MethodNotAllowed, line).with("Allow", "GET, HEAD");
@@ -80,7 +80,7 @@ impl Site {
             let line = "403: unknown host name; open this page at 127.0.0.1 or localhost";
             return Response::text(Status::Forbidden, line);
         }
-        let answer: fn(&mut Self, &Request) -> Response = match request.path {
+        let answer: fn(&mut Self, &RequestLine) -> Response = match request.path {
             // No secret is in it; it asks for the token itself.
             "/" => return self.page(),
             "/register_service" => return Self::service(),
@@ -127,7 +127,7 @@ impl Site {
         names.iter().any(|name| host.strip_prefix(name.as_str()).is_some_and(port))
     }
 
-    fn may_look(&self, request: &Request) -> bool {
+    fn may_look(&self, request: &RequestLine) -> bool {
         let Some(token) = &self.token else { return true };
         let given = given(request).unwrap_or_default();
         // The time this takes says nothing about how much of a guess is right.
@@ -155,7 +155,7 @@ impl Site {
         Response::new(Status::Ok, "application/json", body.to_string().into())
     }
 
-    fn state(&mut self, _: &Request) -> Response {
+    fn state(&mut self, _: &RequestLine) -> Response {
         let newest = self.board.read();
         let age_ms = u64::try_from(newest.age.as_millis()).unwrap_or(u64::MAX);
         let told = Told { snapshot: &newest.snapshot, age_ms };
@@ -165,7 +165,7 @@ impl Site {
     }
 
     /// The picture, and in a header field what was followed in it.
-    fn frame(&mut self, request: &Request) -> Response {
+    fn frame(&mut self, request: &RequestLine) -> Response {
         let Some(shown) = self.board.look() else { return Response::empty(Status::NoContent) };
         let tag = format!("\"{}\"", shown.number);
         if request.if_none_match == Some(tag.as_str()) {
@@ -198,7 +198,7 @@ impl Site {
         Some(jpeg)
     }
 
-    fn health(&mut self, _: &Request) -> Response {
+    fn health(&mut self, _: &RequestLine) -> Response {
         let newest = self.board.read();
         match trouble(&newest.snapshot.health, newest.frame_age) {
             Some(trouble) => Response::text(Status::Unavailable, &trouble),
@@ -211,7 +211,7 @@ impl Site {
 }
 
 /// The token of a request.
-fn given<'a>(request: &Request<'a>) -> Option<&'a str> {
+fn given<'a>(request: &RequestLine<'a>) -> Option<&'a str> {
     let bearer = request.authorization.and_then(|value| {
         let (scheme, token) = value.split_once(' ')?;
         scheme.eq_ignore_ascii_case("bearer").then_some(token.trim())
@@ -220,18 +220,18 @@ fn given<'a>(request: &Request<'a>) -> Option<&'a str> {
 }
 
 /// Reasons why nothing is watched.
-fn trouble(health: &Health, frame_age: Option<Duration>) -> Option<String> {
+fn trouble(health: &HealthView, frame_age: Option<Duration>) -> Option<String> {
     let Some(age) = frame_age else { return Some("starting: no frame yet".into()) };
-    if health.state == State::CameraGone {
+    if health.state == StateView::CameraGone {
         return Some("camera gone".into());
     }
-    if health.state == State::Slow {
+    if health.state == StateView::Slow {
         return Some("the detector is too slow".into());
     }
     if age >= STALE {
         return Some(format!("no frame for {} s", age.as_secs()));
     }
-    if health.state == State::Blind || health.blind.any() {
+    if health.state == StateView::Blind || health.blind.any() {
         let reasons: Vec<&str> = health.reasons().collect();
         return Some(format!("blind: {}", reasons.join(", ")));
     }

@@ -7,7 +7,7 @@ use crate::mavlink::messages::Blind;
 use crate::shell::formats::detections::Decimal;
 use crate::shell::formats::traffic::name;
 use crate::shell::link::{LinkSpec, LinkStatus};
-use crate::tracking::traffic::{Direction, Level, Traffic};
+use crate::tracking::traffic::{AlertLevel, Direction, Traffic};
 use fixed::types::I28F4;
 use serde::{Serialize, Serializer};
 use std::string::{String, ToString};
@@ -18,20 +18,20 @@ use std::vec::Vec;
 pub struct Snapshot {
     /// The frame, if [`super::Preview::wants_picture`] was true.
     #[serde(skip)]
-    pub picture: Option<Picture>,
+    pub picture: Option<PictureView>,
     /// Time of the frame in microseconds.
     pub time_us: i64,
     /// The objects that are followed.
-    pub tracks: Vec<Track>,
+    pub tracks: Vec<TrackView>,
     /// The most urgent level of all.
     #[serde(serialize_with = "level")]
-    pub level: Level,
+    pub level: AlertLevel,
     /// Counts and latencies.
-    pub health: Health,
+    pub health: HealthView,
     /// How long the stages of the work take.
     pub latency: Vec<Latency>,
     /// The links to autopilots and ground stations.
-    pub links: Vec<Link>,
+    pub links: Vec<LinkView>,
     /// Name of the autopilot, once one was received.
     pub autopilot: Option<String>,
     /// Whether it is gone.
@@ -88,7 +88,7 @@ impl ParameterLine {
 
 /// A grey picture.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Picture {
+pub struct PictureView {
     /// Row by row, without gaps.
     pub pixels: Vec<u8>,
     /// Pixels of a row.
@@ -99,14 +99,14 @@ pub struct Picture {
 
 /// An object that is followed.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Track {
+pub struct TrackView {
     /// Number of the track.
     pub id: u16,
     /// Left, top, width, height in pixels of the picture.
     pub rect: [f64; 4],
     /// How urgent it is.
     #[serde(serialize_with = "level")]
-    pub level: Level,
+    pub level: AlertLevel,
     /// Whether enough detections agreed that it is there.
     pub confirmed: bool,
     /// Whether the frame has no detection of it and its position is predicted.
@@ -129,7 +129,7 @@ pub struct Track {
     pub score: f64,
 }
 
-impl Track {
+impl TrackView {
     /// The track with what `component` knows of it.
     pub fn named(traffic: &Traffic, component: &Component) -> Self {
         Self {
@@ -147,7 +147,7 @@ impl Track {
     }
 }
 
-impl From<&Traffic> for Track {
+impl From<&Traffic> for TrackView {
     fn from(traffic: &Traffic) -> Self {
         let rect = traffic.rect;
         Self {
@@ -170,9 +170,9 @@ impl From<&Traffic> for Track {
 
 /// How the work goes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Health {
+pub struct HealthView {
     /// The state in one word.
-    pub state: State,
+    pub state: StateView,
     /// Why nothing can be seen, if so.
     #[serde(serialize_with = "reasons")]
     pub blind: Blind,
@@ -188,7 +188,7 @@ pub struct Health {
     pub advice: Option<String>,
 }
 
-impl Health {
+impl HealthView {
     /// Why nothing can be seen, in words.
     pub fn reasons(&self) -> impl Iterator<Item = &'static str> {
         self.blind.reasons()
@@ -198,7 +198,7 @@ impl Health {
 /// The state of the lookout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
+pub enum StateView {
     /// No frame yet.
     #[default]
     Starting,
@@ -225,7 +225,7 @@ pub struct Latency {
 
 /// State of a MAVLink link.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Link {
+pub struct LinkView {
     /// The link as the user named it.
     pub name: String,
     /// Whether it is open, and somebody answers.
@@ -252,7 +252,7 @@ pub enum LinkState {
 /// Time without a frame after which a link is silent, microseconds: five heartbeats.
 pub const SILENT_US: i64 = 5_000_000;
 
-impl Link {
+impl LinkView {
     /// The link of `spec` at `now_us`.
     pub fn new(spec: &LinkSpec, status: LinkStatus, now_us: i64) -> Self {
         let heard = status.heard_us.is_some_and(|last| now_us.saturating_sub(last) < SILENT_US);
@@ -273,7 +273,7 @@ fn degrees(radians: crate::math::real::Real) -> f64 {
     radians.to_num::<f64>().to_degrees()
 }
 
-fn level<S: Serializer>(level: &Level, serializer: S) -> Result<S::Ok, S::Error> {
+fn level<S: Serializer>(level: &AlertLevel, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(name(*level))
 }
 
@@ -295,7 +295,7 @@ mod tests {
 
     #[test]
     fn a_track_in_degrees_and_metres() {
-        let track = Track::from(&traffic(7));
+        let track = TrackView::from(&traffic(7));
         assert!(
             near(track.azimuth_deg.unwrap(), 45.0) && near(track.elevation_deg.unwrap(), 0.0),
             "{track:?}"
@@ -320,7 +320,7 @@ mod tests {
 
     #[test]
     fn reasons_in_words() {
-        let health = Health { blind: Blind::DARK.and(Blind::COVERED), ..Health::default() };
+        let health = HealthView { blind: Blind::DARK.and(Blind::COVERED), ..HealthView::default() };
         assert_eq!(health.reasons().collect::<Vec<_>>(), ["too dark", "covered or frozen"]);
         let value = serde_json::to_value(&health).unwrap();
         assert_eq!(value["blind"], json!(["too dark", "covered or frozen"]));
@@ -332,7 +332,7 @@ mod tests {
         let spec: LinkSpec = "udpout:127.0.0.1:14550".parse().unwrap();
         let state = |connected, heard_us| {
             let status = LinkStatus { connected, heard_us, ..LinkStatus::default() };
-            Link::new(&spec, status, 60_000_000).state
+            LinkView::new(&spec, status, 60_000_000).state
         };
         assert_eq!(state(true, None), LinkState::Silent);
         assert_eq!(state(true, Some(54_000_000)), LinkState::Silent);
@@ -344,7 +344,7 @@ mod tests {
     fn a_link_that_lost_frames() {
         let spec: LinkSpec = "udpout:127.0.0.1:14550".parse().unwrap();
         let status = LinkStatus { sent: 9, capped: 2, dropped: u32::MAX, ..LinkStatus::default() };
-        let link = Link::new(&spec, status, 0);
+        let link = LinkView::new(&spec, status, 0);
         let found = (link.state, link.sent, link.dropped);
         assert_eq!(found, (LinkState::Down, 9, u64::from(u32::MAX) + 2));
         assert_eq!(link.name, "udpout:127.0.0.1:14550");

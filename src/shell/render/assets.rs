@@ -2,7 +2,7 @@
 
 use super::cutout::Cutout;
 use super::error::RenderError;
-use super::picture::{Picture, PictureKind};
+use super::picture::{BackgroundPicture, PictureKind};
 use super::solid::Solid;
 use crate::shell::formats::class::Class;
 use crate::shell::formats::clips::{self, Clip};
@@ -26,17 +26,17 @@ const SEARCHED: usize = 260;
 const PAUSE: usize = 12;
 
 /// An object in successive frames.
-pub type Run = Vec<Cutout>;
+pub type CutoutRun = Vec<Cutout>;
 
 /// Photographs, cutouts and solid models that flights are rendered from.
 #[derive(Debug, Clone, Default)]
 pub struct Assets {
-    pub(super) pictures: Vec<Picture>,
+    pub(super) pictures: Vec<BackgroundPicture>,
     /// The folder of each picture: those of one scene stand in one.
     pub(super) scenes: Vec<PathBuf>,
     /// Runs of each clip.
-    pub(super) targets: Vec<Vec<Run>>,
-    pub(super) birds: Vec<Run>,
+    pub(super) targets: Vec<Vec<CutoutRun>>,
+    pub(super) birds: Vec<CutoutRun>,
     pub(super) solids: Vec<Solid>,
 }
 
@@ -57,7 +57,7 @@ impl Assets {
         for folder in cutouts {
             let clips = clips::clips(folder)?;
             for runs in parallel::map(clips, |clip| runs(&clip)) {
-                let (flying, other): (Vec<Run>, Vec<Run>) =
+                let (flying, other): (Vec<CutoutRun>, Vec<CutoutRun>) =
                     runs?.into_iter().partition(|run| run[0].class != Class::Bird);
                 if !flying.is_empty() {
                     targets.push(flying);
@@ -95,7 +95,7 @@ impl Assets {
 }
 
 /// All pictures below a folder and the folders they lie in, in the order of their paths.
-fn pictures(folder: &Path) -> Result<Vec<(Picture, PathBuf)>, RenderError> {
+fn pictures(folder: &Path) -> Result<Vec<(BackgroundPicture, PathBuf)>, RenderError> {
     let kinds = kinds(&folder.join("index.csv"))?;
     let mut paths = Vec::new();
     let mut open = Vec::from([folder.to_path_buf()]);
@@ -123,7 +123,10 @@ fn pictures(folder: &Path) -> Result<Vec<(Picture, PathBuf)>, RenderError> {
             return Err(RenderError::SmallPicture { path, width, height });
         }
         let scene = path.parent().unwrap_or(folder).to_path_buf();
-        Ok((Picture::new(picture.into_raw(), width, height, kinds.get(&name).copied()), scene))
+        Ok((
+            BackgroundPicture::new(picture.into_raw(), width, height, kinds.get(&name).copied()),
+            scene,
+        ))
     };
     parallel::map(paths, read).into_iter().collect()
 }
@@ -150,15 +153,15 @@ fn kinds(index: &Path) -> Result<BTreeMap<String, PictureKind>, RenderError> {
 }
 
 /// The objects of a clip that stand before a plain sky, in runs of successive frames.
-fn runs(clip: &Clip) -> Result<Vec<Run>, RenderError> {
+fn runs(clip: &Clip) -> Result<Vec<CutoutRun>, RenderError> {
     let mut source = sources::open(&clip.input)?;
     let mut frame = Frame::default();
     let mut runs = Vec::new();
-    let is_long = |run: &Run| {
+    let is_long = |run: &CutoutRun| {
         let bird = run.first().is_some_and(|first| first.class == Class::Bird);
         run.len() >= SHORTEST[usize::from(bird)]
     };
-    let mut run = Run::new();
+    let mut run = CutoutRun::new();
     let (mut number, mut next) = (0, 0);
     while runs.len() < RUNS && number < SEARCHED && source.next_frame(&mut frame)? {
         number += 1;

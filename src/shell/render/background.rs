@@ -1,8 +1,8 @@
 //! The background of a frame: every pixel gathers from the texture where its ray meets the surface (inverse mapping).
 
 use super::motion::CameraMotion;
-use super::scene::{BLOCK, Scene};
-use super::view::View;
+use super::scene::{BLOCK, BackgroundScene};
+use super::view::Optics;
 use crate::shell::support::random::Random;
 use std::vec;
 use std::vec::Vec;
@@ -17,14 +17,14 @@ const MOST_LOOKS: i32 = 6;
 const BLUR_RELIEF: f64 = 0.2;
 
 /// Texture coordinates of a node, their change for one step of relief, and their way during the exposure; Q16 pixels.
-type Node = [i32; 6];
+type TextureNode = [i32; 6];
 
 /// Renders the background of frames.
 #[derive(Debug, Clone)]
 pub(super) struct Renderer {
-    nodes: Vec<Node>,
+    nodes: Vec<TextureNode>,
     /// Those of the frame before; empty before the first.
-    before: Vec<Node>,
+    before: Vec<TextureNode>,
     /// Displacements of the shimmer, 1/16 of its amplitude; wraps round.
     pattern: Vec<[i8; 2]>,
     columns: usize,
@@ -55,7 +55,7 @@ impl Renderer {
 
     /// Computes the nodes of the frame at `time` (its middle row); `false` where a ray misses the surface: that node
     /// keeps its last values.
-    fn aim(&mut self, scene: &Scene, motion: &CameraMotion, view: &View, time: f64) {
+    fn aim(&mut self, scene: &BackgroundScene, motion: &CameraMotion, view: &Optics, time: f64) {
         let rows = self.nodes.len() / self.columns;
         for row in 0..rows {
             let y = (row * NODE) as f64;
@@ -97,9 +97,9 @@ impl Renderer {
     /// Renders the frame at `time`, number `index` of the flight, into `pixels`.
     pub(super) fn render(
         &mut self,
-        scene: &Scene,
+        scene: &BackgroundScene,
         motion: &CameraMotion,
-        view: &View,
+        view: &Optics,
         (time, index): (f64, u64),
         pixels: &mut [u8],
     ) {
@@ -124,7 +124,7 @@ impl Renderer {
                     })
                 };
                 let (from, to) = (at(cell), at(cell + 1));
-                let step: Node = core::array::from_fn(|i| (to[i] - from[i]) >> 4);
+                let step: TextureNode = core::array::from_fn(|i| (to[i] - from[i]) >> 4);
                 let way = from[4].abs().max(from[5].abs());
                 let looks = ((way + (1 << 15)) >> 16).clamp(1, MOST_LOOKS);
                 let mut node = from;
@@ -183,7 +183,7 @@ impl Renderer {
 
     /// Where the background of every [`NODE`] x [`NODE`] pixels was in the frame before, row by row: offsets in quarters
     /// of a pixel.
-    pub(super) fn motions(&self, scene: &Scene) -> Vec<[i32; 2]> {
+    pub(super) fn motions(&self, scene: &BackgroundScene) -> Vec<[i32; 2]> {
         let (columns, rows) = (self.columns - 1, self.nodes.len() / self.columns - 1);
         if self.before.is_empty() {
             return vec![[0; 2]; columns * rows];
@@ -191,12 +191,13 @@ impl Renderer {
         let motion = |index: usize| {
             let at = index / columns * self.columns + index % columns;
             let corners = [at, at + 1, at + self.columns, at + self.columns + 1];
-            let mean = |nodes: &[Node], i: usize| {
+            let mean = |nodes: &[TextureNode], i: usize| {
                 corners.map(|c| f64::from(nodes[c][i])).iter().sum::<f64>() / 4.0
             };
             let place = [0, 1].map(|i: usize| mean(&self.nodes, i) / 65_536.0);
             let relief = scene.relief_at(place) * 255.0;
-            let seen = |nodes: &[Node], i: usize| mean(nodes, i) + relief * mean(nodes, i + 2);
+            let seen =
+                |nodes: &[TextureNode], i: usize| mean(nodes, i) + relief * mean(nodes, i + 2);
             // Texture pixels that one pixel to the right and one downwards are.
             let slope = |a: usize, b: usize, i: usize| {
                 f64::from(self.before[b][i] - self.before[a][i]) / NODE as f64

@@ -6,7 +6,7 @@
 //! As in a real encoder noise freezes where it falls below the quantiser, and small faint objects lag and smear.
 
 use super::draw::by_ratio;
-use super::settings::Settings;
+use super::settings::RenderSettings;
 use crate::shell::support::random::Random;
 use std::vec;
 use std::vec::Vec;
@@ -40,7 +40,7 @@ pub(super) struct Codec {
 
 impl Codec {
     /// Draws a codec.
-    pub(super) fn draw(random: &mut Random, settings: &Settings) -> Self {
+    pub(super) fn draw(random: &mut Random, settings: &RenderSettings) -> Self {
         let step = by_ratio(random, settings.sensor.quantiser);
         let [width, height] = settings.size;
         Self {
@@ -325,8 +325,8 @@ mod tests {
         }
     }
 
-    fn settings(step: f64) -> Settings {
-        let mut settings = Settings { size: [64, 48], ..Settings::default() };
+    fn settings(step: f64) -> RenderSettings {
+        let mut settings = RenderSettings { size: [64, 48], ..RenderSettings::default() };
         settings.sensor.quantiser = [step, step * 1.0001];
         settings
     }

@@ -1,8 +1,8 @@
 //! Rendered flights: photographs and panoramas as backgrounds with depth, a moving camera, and flying objects cut out of
 //! recordings or rendered from solid models.
 //!
-//! In: [`Assets`] (a folder of pictures, splits of clips to cut objects out of, OBJ models) and [`Settings`] (ranges that
-//! every flight draws its own values from). Out: [`Flight`], which yields grey frames with [`FrameTruth`], the same bytes
+//! In: [`Assets`] (a folder of pictures, splits of clips to cut objects out of, OBJ models) and [`RenderSettings`] (ranges that
+//! every flight draws its own values from). Out: [`RenderedFlight`], which yields grey frames with [`RenderedTruth`], the same bytes
 //! for the same assets, settings, seed and index on every processor: integers and IEEE-exact operations alone, nothing of
 //! a platform's mathematical library.
 //!
@@ -35,11 +35,12 @@ mod targets;
 mod tests;
 mod view;
 
-pub use assets::{Assets, Run};
+pub use assets::{Assets, CutoutRun};
 pub use cutout::Cutout;
 pub use error::RenderError;
 pub use settings::{
-    DEFAULT, Motion, Pictures, SceneSettings, Sensor, Settings, SettingsError, Targets,
+    BackgroundSettings, DEFAULT, MotionSettings, RenderSettings, RenderSettingsError,
+    SceneSettings, Sensor, Targets,
 };
 pub(in crate::shell) use sway::Sway;
 pub use targets::Encounter;
@@ -53,30 +54,30 @@ use codec::Codec;
 use draw::{even, weighted};
 use motion::CameraMotion;
 use movers::{Glints, Mover, OwnCraft};
-use picture::{Picture, PictureKind};
-use scene::Scene;
+use picture::{BackgroundPicture, PictureKind};
+use scene::BackgroundScene;
 use sensor::SensorModel;
 use std::vec::Vec;
 use targets::FlyingObject;
-use view::View;
+use view::Optics;
 
 /// Smallest contrast of an object that has to be found, grey levels; a fainter one has visibility 0.5.
 const FAINT: f64 = 6.0;
 
 /// Ground truth of one frame of a flight. Angles in radians; x right, y down, z forward.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct FrameTruth {
+pub struct RenderedTruth {
     /// Yaw (to the right), pitch (nose up) and roll of the camera at the frame's middle row.
     pub attitude: [f64; 3],
     /// Visible targets and birds (class 4); what moves on the ground is not among them.
     pub boxes: Vec<TruthBox>,
     /// Targets in the air, in view or not; birds are not among them.
-    pub targets: Vec<TargetTruth>,
+    pub targets: Vec<RenderedTarget>,
 }
 
 /// A target in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TargetTruth {
+pub struct RenderedTarget {
     /// Its number in the boxes.
     pub id: i64,
     /// Bearing in the world to the right of the z axis, radians.
@@ -91,12 +92,12 @@ pub struct TargetTruth {
 
 /// A flight that is rendered frame by frame.
 #[derive(Debug)]
-pub struct Flight<'a> {
-    settings: &'a Settings,
+pub struct RenderedFlight<'a> {
+    settings: &'a RenderSettings,
     kind: Encounter,
-    scene: Scene,
+    scene: BackgroundScene,
     motion: CameraMotion,
-    view: View,
+    view: Optics,
     renderer: Renderer,
     movers: Vec<Mover>,
     glints: Glints,
@@ -108,20 +109,20 @@ pub struct Flight<'a> {
     next: u64,
 }
 
-impl<'a> Flight<'a> {
+impl<'a> RenderedFlight<'a> {
     /// Draws flight number `index` of a seed. Panics if `assets` has no picture, which [`Assets::load`] excludes.
-    pub fn new(assets: &'a Assets, settings: &'a Settings, seed: u64, index: u64) -> Self {
+    pub fn new(assets: &'a Assets, settings: &'a RenderSettings, seed: u64, index: u64) -> Self {
         let flight = Random::stream(seed, index).bits();
         let stream = |part: u64| Random::stream(flight, part);
         let random = &mut stream(0);
         let [width, height] = settings.size;
-        let view = View {
+        let view = Optics {
             size: [width as f64, height as f64],
             focal: even(random, settings.focal) * width as f64 / 640.0,
             undistortion: -even(random, settings.sensor.distortion),
         };
         let (picture, kind) = choose(assets, settings, random);
-        let (scene, motion) = Scene::new(picture, kind, settings, &view, &mut stream(1));
+        let (scene, motion) = BackgroundScene::new(picture, kind, settings, &view, &mut stream(1));
         let random = &mut stream(2);
         let count = if random.chance(settings.scene.movers_probability) {
             let [low, high] = settings.scene.movers;
@@ -175,7 +176,7 @@ impl<'a> Flight<'a> {
     }
 
     /// Renders the next frame into `frame` (reusing its memory); `None` after the last one.
-    pub fn next_frame(&mut self, frame: &mut Frame) -> Option<FrameTruth> {
+    pub fn next_frame(&mut self, frame: &mut Frame) -> Option<RenderedTruth> {
         let index = self.next;
         if index >= self.settings.frames {
             return None;
@@ -194,7 +195,8 @@ impl<'a> Flight<'a> {
             mover.draw(scene, motion, view, time, &mut frame.pixels);
         }
         self.glints.draw((time, index), motion, view, &mut frame.pixels);
-        let mut truth = FrameTruth { attitude: motion.attitude(time), ..FrameTruth::default() };
+        let mut truth =
+            RenderedTruth { attitude: motion.attitude(time), ..RenderedTruth::default() };
         // Far ones first.
         let mut objects: Vec<(i64, &FlyingObject<'_>)> =
             (1..).zip(self.targets.iter().chain(&self.birds)).collect();
@@ -247,16 +249,16 @@ impl<'a> Flight<'a> {
 /// A picture of a kind drawn by its share, and the kind of view that it is used as.
 fn choose<'a>(
     assets: &'a Assets,
-    settings: &Settings,
+    settings: &RenderSettings,
     random: &mut Random,
-) -> (&'a Picture, PictureKind) {
+) -> (&'a BackgroundPicture, PictureKind) {
     let kinds =
         [PictureKind::Level, PictureKind::Oblique, PictureKind::Nadir, PictureKind::Panorama];
     let of = |kind: PictureKind| assets.pictures.iter().filter(move |p| p.kind == kind);
     let share =
         |i: usize| if of(kinds[i]).next().is_some() { settings.pictures.shares[i] } else { 0.0 };
     let shares: [f64; 4] = core::array::from_fn(share);
-    let mut pictures: Vec<&Picture> = of(kinds[weighted(random, &shares)]).collect();
+    let mut pictures: Vec<&BackgroundPicture> = of(kinds[weighted(random, &shares)]).collect();
     if pictures.is_empty() {
         // Only kinds whose share is 0.
         pictures = assets.pictures.iter().collect();
@@ -267,14 +269,14 @@ fn choose<'a>(
     (picture, if ground { PictureKind::Nadir } else { picture.kind })
 }
 
-fn target_truth(id: i64, target: &FlyingObject<'_>, time: f64) -> TargetTruth {
+fn target_truth(id: i64, target: &FlyingObject<'_>, time: f64) -> RenderedTarget {
     let place = target.place(time);
     let [azimuth, elevation] = targets::bearing(place);
     let range = dot(place, place).sqrt();
-    TargetTruth { id, azimuth, elevation, range, time_to_contact: target.time_to_contact(time) }
+    RenderedTarget { id, azimuth, elevation, range, time_to_contact: target.time_to_contact(time) }
 }
 
-impl Flight<'_> {
+impl RenderedFlight<'_> {
     /// One line about the flight, for people: kind of view, texture, speed, height, numbers of objects. Without commas it
     /// fits a column of `flights.csv`.
     pub fn describe(&self) -> std::string::String {

@@ -1,10 +1,10 @@
 //! Motion of the camera: attitude, path, exposure and readout at every instant.
 
 use super::draw::{by_ratio, even};
-use super::settings::Settings;
+use super::settings::RenderSettings;
 use super::sway::Sway;
 use crate::shell::support::random::Random;
-use crate::shell::support::vectors::{Rotation, Vector, dot, sin_cos};
+use crate::shell::support::vectors::{Rotation, WorldVector, dot, sin_cos};
 
 /// Path and attitude of a camera. World: x right, y down, z forward; metres and radians; the origin is where the
 /// flight starts.
@@ -18,7 +18,7 @@ pub(super) struct CameraMotion {
     pub pitch: f64,
     drift: [Sway; 3],
     /// Mean velocity, metres a second.
-    pub velocity: Vector,
+    pub velocity: WorldVector,
     /// Height above the ground at the start, metres.
     pub height: f64,
     /// Seconds from the first row to the last.
@@ -32,7 +32,7 @@ impl CameraMotion {
     /// Draws a motion with this mean pitch; `may_turn` allows a sustained turn.
     pub(super) fn draw(
         random: &mut Random,
-        settings: &Settings,
+        settings: &RenderSettings,
         pitch: f64,
         may_turn: bool,
     ) -> Self {
@@ -100,7 +100,7 @@ impl CameraMotion {
     }
 
     /// Position at `time`, metres from the flight's middle.
-    pub(super) fn position(&self, time: f64) -> Vector {
+    pub(super) fn position(&self, time: f64) -> WorldVector {
         let time_of_middle = time - self.seconds / 2.0;
         core::array::from_fn(|i| self.velocity[i] * time_of_middle + self.drift[i].at(time))
     }

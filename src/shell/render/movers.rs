@@ -6,13 +6,13 @@ use super::draw::{by_ratio, weighted};
 use super::motion::CameraMotion;
 use super::paint::{Thing, paint, piece};
 use super::picture::PictureKind;
-use super::scene::Scene;
-use super::settings::Settings;
+use super::scene::BackgroundScene;
+use super::settings::RenderSettings;
 use super::sprite::{Placement, Tone, draw};
 use super::sway::Sway;
-use super::view::View;
+use super::view::Optics;
 use crate::shell::support::random::Random;
-use crate::shell::support::vectors::{Vector, atan2, sin_cos};
+use crate::shell::support::vectors::{WorldVector, atan2, sin_cos};
 use std::vec::Vec;
 
 /// Seconds between two poses of a walking thing.
@@ -42,10 +42,10 @@ impl Mover {
     /// Draws a mover in view at some instant of the flight.
     pub(super) fn draw_anew(
         assets: &Assets,
-        scene: &Scene,
-        settings: &Settings,
+        scene: &BackgroundScene,
+        settings: &RenderSettings,
         motion: &CameraMotion,
-        view: &View,
+        view: &Optics,
         random: &mut Random,
     ) -> Option<Self> {
         let from_above = scene.kind == PictureKind::Nadir;
@@ -126,7 +126,12 @@ impl Mover {
     }
 
     /// Direction from the camera at an instant, and the distance, metres; no distance in the sky.
-    fn seen(&self, scene: &Scene, motion: &CameraMotion, time: f64) -> (Vector, Option<f64>) {
+    fn seen(
+        &self,
+        scene: &BackgroundScene,
+        motion: &CameraMotion,
+        time: f64,
+    ) -> (WorldVector, Option<f64>) {
         let passed = time - self.middle;
         let place = [0, 1]
             .map(|i: usize| self.place[i] + self.velocity[i] * passed + self.wander[i].at(time));
@@ -136,9 +141,9 @@ impl Mover {
     /// Draws it into the frame at `time`.
     pub(super) fn draw(
         &self,
-        scene: &Scene,
+        scene: &BackgroundScene,
         motion: &CameraMotion,
-        view: &View,
+        view: &Optics,
         time: f64,
         pixels: &mut [u8],
     ) {
@@ -174,7 +179,7 @@ impl Mover {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Glints {
     /// Direction, share of the time that it shines, and size in pixels.
-    points: Vec<(Vector, f64, f64)>,
+    points: Vec<(WorldVector, f64, f64)>,
     spot: Option<Cutout>,
     seed: u64,
 }
@@ -182,9 +187,9 @@ pub(super) struct Glints {
 impl Glints {
     /// Draws glints for what the flight sees in its middle.
     pub(super) fn draw_anew(
-        settings: &Settings,
+        settings: &RenderSettings,
         motion: &CameraMotion,
-        view: &View,
+        view: &Optics,
         random: &mut Random,
     ) -> Self {
         let mut points = Vec::new();
@@ -210,7 +215,7 @@ impl Glints {
         &self,
         (time, index): (f64, u64),
         motion: &CameraMotion,
-        view: &View,
+        view: &Optics,
         pixels: &mut [u8],
     ) {
         let size = [view.size[0] as usize, view.size[1] as usize];
@@ -244,7 +249,7 @@ pub(super) struct OwnCraft {
 
 impl OwnCraft {
     /// Draws the parts in view, or none.
-    pub(super) fn draw_anew(settings: &Settings, random: &mut Random) -> Self {
+    pub(super) fn draw_anew(settings: &RenderSettings, random: &mut Random) -> Self {
         if !random.chance(settings.sensor.own_craft_probability) {
             return Self::default();
         }
@@ -297,7 +302,7 @@ impl OwnCraft {
     }
 
     /// Draws it into frame number `index`.
-    pub(super) fn draw(&self, index: u64, view: &View, pixels: &mut [u8]) {
+    pub(super) fn draw(&self, index: u64, view: &Optics, pixels: &mut [u8]) {
         let size = [view.size[0] as usize, view.size[1] as usize];
         let mut random = Random::stream(self.seed, index);
         let shake = [0; 2].map(|_: i32| 0.6 * random.symmetric());

@@ -1,7 +1,7 @@
 //! Small pictures of people, vehicles and the like, painted from ellipses and bars.
 
 use super::cutout::Cutout;
-use super::picture::Picture;
+use super::picture::BackgroundPicture;
 use crate::shell::formats::class::Class;
 use crate::shell::support::random::Random;
 use crate::shell::support::vectors::sin_cos;
@@ -150,7 +150,7 @@ pub(super) fn paint(thing: Thing, random: &mut Random) -> Vec<Cutout> {
 }
 
 /// A piece of a picture with a rectangular, round or ragged outline.
-pub(super) fn piece(picture: &Picture, random: &mut Random) -> Option<Cutout> {
+pub(super) fn piece(picture: &BackgroundPicture, random: &mut Random) -> Option<Cutout> {
     let longer = random.within(20.0, 56.0);
     let aspect = random.within(0.3, 1.0);
     let (mut wide, mut high) = (longer, (longer * aspect).max(8.0));

@@ -24,7 +24,7 @@ pub(super) enum PictureKind {
 
 /// A background picture.
 #[derive(Debug, Clone)]
-pub(super) struct Picture {
+pub(super) struct BackgroundPicture {
     pub width: usize,
     pub height: usize,
     pub pixels: Vec<u8>,
@@ -35,7 +35,7 @@ pub(super) struct Picture {
     sky: Vec<bool>,
 }
 
-impl Picture {
+impl BackgroundPicture {
     /// Analyses a picture; `kind` as an index says, else by its shape and sky.
     pub(super) fn new(
         pixels: Vec<u8>,

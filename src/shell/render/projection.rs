@@ -1,10 +1,10 @@
 //! Projections of a texture: texture coordinates to points of the world, and rays to texture coordinates.
 
-use crate::shell::support::vectors::{Rotation, Vector, atan2, dot, sin_cos};
+use crate::shell::support::vectors::{Rotation, WorldVector, atan2, dot, sin_cos};
 
 /// Correspondence of texture coordinates and directions.
 #[derive(Debug, Clone)]
-pub(super) enum Form {
+pub(super) enum Surface {
     /// Picture plane of a pinhole camera at the origin, turned by the rotation (picture to world).
     Tangent(Rotation),
     /// Azimuth and elevation about the axes of the rotation.
@@ -17,12 +17,12 @@ pub(super) enum Form {
 /// `reach` above the ground).
 #[derive(Debug, Clone)]
 pub(super) struct Projection {
-    pub form: Form,
+    pub form: Surface,
     /// Texture pixels for one unit of the form: tangent, radian or metre.
     pub scale: f64,
     /// Texture coordinates of the form's origin.
     pub centre: [f64; 2],
-    /// Inverse depth of relief 1, 1/m; of [`Form::Ground`] its height, m.
+    /// Inverse depth of relief 1, 1/m; of [`Surface::Ground`] its height, m.
     pub reach: f64,
 }
 
@@ -31,12 +31,12 @@ impl Projection {
     /// `None` where the ray misses it.
     pub(super) fn place(
         &self,
-        direction: Vector,
-        position: Vector,
+        direction: WorldVector,
+        position: WorldVector,
         relief: f64,
     ) -> Option<[f64; 2]> {
         let [x, y] = match &self.form {
-            Form::Ground(height) => {
+            Surface::Ground(height) => {
                 let depth = height - position[1] - relief * self.reach;
                 if direction[1] <= 0.02 || depth <= 0.0 {
                     return None;
@@ -44,7 +44,7 @@ impl Projection {
                 let scale = depth / direction[1];
                 [position[0] + direction[0] * scale, -position[2] - direction[2] * scale]
             }
-            Form::Tangent(axes) | Form::Sphere(axes) => {
+            Surface::Tangent(axes) | Surface::Sphere(axes) => {
                 // Where the ray leaves the sphere of constant distance 1 / inverse about the origin.
                 let inverse = relief * self.reach;
                 let length = dot(direction, direction).sqrt();
@@ -52,10 +52,10 @@ impl Projection {
                 let along = inverse * dot(unit, position);
                 let across = inverse * inverse * dot(position, position) - along * along;
                 let forward = (1.0 - across).max(0.01).sqrt() - along;
-                let seen: Vector =
+                let seen: WorldVector =
                     core::array::from_fn(|i| unit[i] * forward + inverse * position[i]);
                 let [x, y, z] = axes.invert(seen);
-                if let Form::Tangent(_) = self.form {
+                if let Surface::Tangent(_) = self.form {
                     if z < 0.05 {
                         return None;
                     }
@@ -70,15 +70,15 @@ impl Projection {
 
     /// The point of the surface at these texture coordinates: direction from the origin times depth is
     /// `direction / inverse`, or the direction alone where the inverse depth is 0.
-    pub(super) fn point(&self, place: [f64; 2], relief: f64) -> (Vector, f64) {
+    pub(super) fn point(&self, place: [f64; 2], relief: f64) -> (WorldVector, f64) {
         let [x, y] = [0, 1].map(|i: usize| (place[i] - self.centre[i]) / self.scale);
         match &self.form {
-            Form::Ground(height) => ([x, height - relief * self.reach, -y], 1.0),
-            Form::Tangent(axes) => {
+            Surface::Ground(height) => ([x, height - relief * self.reach, -y], 1.0),
+            Surface::Tangent(axes) => {
                 let length = (x * x + y * y + 1.0).sqrt();
                 (axes.apply([x / length, y / length, 1.0 / length]), relief * self.reach)
             }
-            Form::Sphere(axes) => {
+            Surface::Sphere(axes) => {
                 let ((sa, ca), (se, ce)) = (sin_cos(x), sin_cos(y));
                 (axes.apply([sa * ce, se, ca * ce]), relief * self.reach)
             }
@@ -96,9 +96,9 @@ mod tests {
         let surface =
             |form, scale, reach| Projection { form, scale, centre: [400.0, 300.0], reach };
         [
-            surface(Form::Tangent(axes), 560.0, 0.05),
-            surface(Form::Sphere(axes), 500.0, 0.05),
-            surface(Form::Ground(40.0), 9.0, 12.0),
+            surface(Surface::Tangent(axes), 560.0, 0.05),
+            surface(Surface::Sphere(axes), 500.0, 0.05),
+            surface(Surface::Ground(40.0), 9.0, 12.0),
         ]
     }
 

@@ -3,12 +3,12 @@
 use super::draw::even;
 use super::motion::CameraMotion;
 use super::noise::fractal;
-use super::picture::{Picture, PictureKind};
-use super::projection::{Form, Projection};
-use super::settings::Settings;
-use super::view::View;
+use super::picture::{BackgroundPicture, PictureKind};
+use super::projection::{Projection, Surface};
+use super::settings::RenderSettings;
+use super::view::Optics;
 use crate::shell::support::random::Random;
-use crate::shell::support::vectors::{Rotation, Vector, atan2, direction, dot, sin_cos};
+use crate::shell::support::vectors::{Rotation, WorldVector, atan2, direction, dot, sin_cos};
 use std::vec;
 use std::vec::Vec;
 
@@ -20,14 +20,14 @@ const LARGEST: f64 = 4096.0;
 const STEP: usize = 16;
 /// Instants of a flight at which its views are measured, a second.
 const MEASURED: f64 = 6.0;
-/// Texture pixels a side of a cell of [`Scene::nearest`].
+/// Texture pixels a side of a cell of [`BackgroundScene::nearest`].
 pub(super) const BLOCK: usize = 32;
 /// Largest share of the distance to the nearest surface that a flight may travel.
 const TRAVEL: f64 = 0.35;
 
 /// The background of a flight.
 #[derive(Debug, Clone)]
-pub(super) struct Scene {
+pub(super) struct BackgroundScene {
     pub pixels: Vec<u8>,
     pub width: usize,
     pub height: usize,
@@ -41,21 +41,21 @@ pub(super) struct Scene {
 }
 
 /// Correspondence of texture pixels and picture pixels.
-enum Source {
+enum TextureMapping {
     /// Picture pixel of texture (0, 0), and the picture's steps for one texture pixel to the right and down.
     Affine([f64; 2], [[f64; 2]; 2]),
     /// A panorama turned by this azimuth.
     Turned(f64),
 }
 
-impl Scene {
+impl BackgroundScene {
     /// Cuts the texture of a flight out of `picture`. Draws pitch and speed of `motion` anew so that the flight stays
     /// in it.
     pub(super) fn new(
-        picture: &Picture,
+        picture: &BackgroundPicture,
         kind: PictureKind,
-        settings: &Settings,
-        view: &View,
+        settings: &RenderSettings,
+        view: &Optics,
         random: &mut Random,
     ) -> (Self, CameraMotion) {
         let [wide, high] = view.size;
@@ -86,13 +86,13 @@ impl Scene {
                 motion.raise(8.0);
                 let height = motion.height;
                 (
-                    Form::Ground(height),
+                    Surface::Ground(height),
                     scale / height,
                     (0.3 * height).min(14.0) * structure.min(1.0),
                 )
             }
-            PictureKind::Panorama => (Form::Sphere(axes), scale, 1.0 / motion.height),
-            _ => (Form::Tangent(axes), scale, 1.0 / motion.height),
+            PictureKind::Panorama => (Surface::Sphere(axes), scale, 1.0 / motion.height),
+            _ => (Surface::Tangent(axes), scale, 1.0 / motion.height),
         };
         let mut projection = Projection { form, scale, centre: [0.0; 2], reach };
         if kind != PictureKind::Nadir {
@@ -107,14 +107,16 @@ impl Scene {
         projection.centre =
             [width as f64 / 2.0 - (left + right) / 2.0, height as f64 / 2.0 - (top + bottom) / 2.0];
         let source = match kind {
-            PictureKind::Panorama => Source::Turned(core::f64::consts::PI * random.symmetric()),
+            PictureKind::Panorama => {
+                TextureMapping::Turned(core::f64::consts::PI * random.symmetric())
+            }
             PictureKind::Nadir => {
                 let ratio = random.within(0.6, 1.5);
                 let turn = direction(core::f64::consts::PI * random.symmetric(), 0.0);
                 let steps =
                     [[turn[2] * ratio, turn[0] * ratio], [-turn[0] * ratio, turn[2] * ratio]];
                 let start = source_size.map(|s| s * random.within(0.0, 1.0));
-                Source::Affine(start, steps)
+                TextureMapping::Affine(start, steps)
             }
             _ => {
                 // A photograph seen from its own place; horizon on horizon, any part of its width.
@@ -126,7 +128,7 @@ impl Scene {
                 let mirror = if random.chance(0.5) { -1.0 } else { 1.0 };
                 let start =
                     [if mirror < 0.0 { source_size[0] - start[0] } else { start[0] }, start[1]];
-                Source::Affine(start, [[mirror * ratio, 0.0], [0.0, ratio]])
+                TextureMapping::Affine(start, [[mirror * ratio, 0.0], [0.0, ratio]])
             }
         };
         let mut scene = Self {
@@ -145,7 +147,7 @@ impl Scene {
     }
 
     /// Fills the pixels; returns whether every 2x2 of them are sky in the picture's map.
-    fn sample(&mut self, picture: &Picture, source: &Source) -> Vec<bool> {
+    fn sample(&mut self, picture: &BackgroundPicture, source: &TextureMapping) -> Vec<bool> {
         let (columns, rows) = (self.width / STEP + 2, self.height / STEP + 2);
         let node = |index: usize| {
             let place = [(index % columns * STEP) as f64, (index / columns * STEP) as f64];
@@ -203,7 +205,7 @@ impl Scene {
     }
 
     /// Brings mean and contrast to drawn ones.
-    fn tone(&mut self, settings: &Settings, random: &mut Random) {
+    fn tone(&mut self, settings: &RenderSettings, random: &mut Random) {
         let count = self.pixels.len() as f64;
         let sum: u64 = self.pixels.iter().map(|&p| u64::from(p)).sum();
         let squares: u64 = self.pixels.iter().map(|&p| u64::from(p) * u64::from(p)).sum();
@@ -224,7 +226,7 @@ impl Scene {
         sky: &[bool],
         structure: f64,
         height: f64,
-        settings: &Settings,
+        settings: &RenderSettings,
         random: &mut Random,
     ) {
         let (wide, high) = (self.width.div_ceil(2), self.height.div_ceil(2));
@@ -234,7 +236,7 @@ impl Scene {
                     [(2 * y).min(self.height - 1) * self.width + (2 * x).min(self.width - 1)],
             )
         };
-        let sums = Sums::new(wide, high, grey);
+        let sums = RectangleSums::new(wide, high, grey);
         // Sky cells are coarse: what differs from the sky's mean is no sky.
         let (mut count, mut sum, mut squares) = (1.0, 0.0, 0.0);
         for (i, _) in sky.iter().enumerate().filter(|(_, sky)| **sky) {
@@ -270,7 +272,7 @@ impl Scene {
                 } else {
                     0.0
                 };
-                let depth = if let Form::Ground(_) = self.projection.form {
+                let depth = if let Surface::Ground(_) = self.projection.form {
                     blob.min(1.0)
                 } else {
                     let place = [2.0 * x as f64 + 1.0, 2.0 * y as f64 + 1.0];
@@ -325,17 +327,22 @@ impl Scene {
         &self,
         place: [f64; 2],
         relief: f64,
-        position: Vector,
-    ) -> (Vector, Option<f64>) {
+        position: WorldVector,
+    ) -> (WorldVector, Option<f64>) {
         let (point, inverse) = self.projection.point(place, relief);
-        let seen: Vector = core::array::from_fn(|i| point[i] - inverse * position[i]);
+        let seen: WorldVector = core::array::from_fn(|i| point[i] - inverse * position[i]);
         (seen, (inverse > 0.0).then(|| dot(seen, seen).sqrt() / inverse))
     }
 }
 
-impl Source {
+impl TextureMapping {
     /// Picture coordinates of a texture pixel.
-    fn place(&self, [x, y]: [f64; 2], projection: &Projection, picture: &Picture) -> [f64; 2] {
+    fn place(
+        &self,
+        [x, y]: [f64; 2],
+        projection: &Projection,
+        picture: &BackgroundPicture,
+    ) -> [f64; 2] {
         match self {
             Self::Affine(start, [right, down]) => {
                 [0, 1].map(|i: usize| start[i] + right[i] * x + down[i] * y)
@@ -356,8 +363,8 @@ impl Source {
 fn extents(
     projection: &Projection,
     motion: &CameraMotion,
-    view: &View,
-    settings: &Settings,
+    view: &Optics,
+    settings: &RenderSettings,
 ) -> [f64; 4] {
     let seconds = settings.frames as f64 / f64::from(settings.fps);
     let mut seen = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
@@ -397,7 +404,7 @@ fn wrap(place: i64, size: i64, round: bool) -> i64 {
 }
 
 /// Grey level in 1/256 between the centres of four pixels.
-fn bilinear(picture: &Picture, [x, y]: [f64; 2], round: bool) -> i64 {
+fn bilinear(picture: &BackgroundPicture, [x, y]: [f64; 2], round: bool) -> i64 {
     let (x, y) = (
         ((x - 0.5) * 256.0 + 1e9) as i64 - 1_000_000_000,
         ((y - 0.5) * 256.0 + 1e9) as i64 - 1_000_000_000,
@@ -413,13 +420,13 @@ fn bilinear(picture: &Picture, [x, y]: [f64; 2], round: bool) -> i64 {
 }
 
 /// Sums over rectangles from the upper left corner.
-struct Sums {
+struct RectangleSums {
     sums: Vec<u32>,
     width: usize,
     height: usize,
 }
 
-impl Sums {
+impl RectangleSums {
     fn new(width: usize, height: usize, grey: impl Fn(usize, usize) -> u32) -> Self {
         let mut sums = vec![0; (width + 1) * (height + 1)];
         for y in 0..height {

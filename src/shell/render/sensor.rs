@@ -1,7 +1,7 @@
 //! Vignette, exposure and noise of a camera.
 
 use super::draw::{by_ratio, even};
-use super::settings::Settings;
+use super::settings::RenderSettings;
 use super::sway::Sway;
 use crate::shell::support::random::Random;
 use std::vec;
@@ -25,7 +25,7 @@ pub(super) struct SensorModel {
 
 impl SensorModel {
     /// Draws a sensor.
-    pub(super) fn draw(random: &mut Random, settings: &Settings) -> Self {
+    pub(super) fn draw(random: &mut Random, settings: &RenderSettings) -> Self {
         let [width, height] = settings.size;
         let corner = even(random, settings.sensor.vignette);
         let (cx, cy) = (width as i64 / 2, height as i64 / 2);

@@ -11,7 +11,7 @@ pub const DEFAULT: &str = include_str!("default.toml");
 /// Why settings cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum SettingsError {
+pub enum RenderSettingsError {
     /// The text is no TOML of these fields.
     #[error("{0}")]
     Text(String),
@@ -32,7 +32,7 @@ pub enum SettingsError {
 /// Ranges are `[low, high]`, drawn evenly unless a field says "by ratio" (evenly in the logarithm).
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Settings {
+pub struct RenderSettings {
     /// Width and height of the frames, pixels; multiples of 16. Given by the caller, not by the file.
     #[serde(skip, default = "size")]
     pub size: [usize; 2],
@@ -45,9 +45,9 @@ pub struct Settings {
     #[serde(skip, default = "frames")]
     pub frames: u64,
     /// Choice of the background.
-    pub pictures: Pictures,
+    pub pictures: BackgroundSettings,
     /// Motion of the camera.
-    pub motion: Motion,
+    pub motion: MotionSettings,
     /// Image formation after the scene.
     pub sensor: Sensor,
     /// Distractors.
@@ -59,7 +59,7 @@ pub struct Settings {
 /// Choice of the background.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Pictures {
+pub struct BackgroundSettings {
     /// Shares of the kinds of pictures: level, oblique, straight down, panorama.
     pub shares: [f64; 4],
     /// Probability that an oblique picture is used as ground seen straight down.
@@ -69,7 +69,7 @@ pub struct Pictures {
 /// Motion of the camera.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Motion {
+pub struct MotionSettings {
     /// Strength of the sway of a multirotor: 0.35 calm, 1.8 rough; by ratio.
     pub agitation: [f64; 2],
     /// Amplitude of the vibration, radians; by ratio.
@@ -154,14 +154,14 @@ pub struct Targets {
     pub inverted_probability: f64,
 }
 
-impl Settings {
+impl RenderSettings {
     /// Reads settings from TOML; fields that are left out keep their defaults.
     ///
     /// # Errors
-    /// [`SettingsError`] naming the line or the field.
-    pub fn parse(text: &str) -> Result<Self, SettingsError> {
+    /// [`RenderSettingsError`] naming the line or the field.
+    pub fn parse(text: &str) -> Result<Self, RenderSettingsError> {
         let settings: Self =
-            toml::from_str(text).map_err(|e| SettingsError::Text(e.to_string()))?;
+            toml::from_str(text).map_err(|e| RenderSettingsError::Text(e.to_string()))?;
         settings.check()?;
         Ok(settings)
     }
@@ -169,14 +169,15 @@ impl Settings {
     /// Whether every range can be drawn from.
     ///
     /// # Errors
-    /// [`SettingsError::Value`] of the first one that cannot.
-    pub fn check(&self) -> Result<(), SettingsError> {
+    /// [`RenderSettingsError::Value`] of the first one that cannot.
+    pub fn check(&self) -> Result<(), RenderSettingsError> {
         let Self { pictures, motion, sensor, scene, targets, .. } = self;
         let shares = |shares: &[f64]| {
             shares.iter().all(|s| (0.0..=1e6).contains(s)) && shares.iter().any(|s| *s > 0.0)
         };
-        let wrong =
-            |field, value: String, expected| Err(SettingsError::Value { field, value, expected });
+        let wrong = |field, value: String, expected| {
+            Err(RenderSettingsError::Value { field, value, expected })
+        };
         for (field, values) in
             [("pictures.shares", &pictures.shares[..]), ("targets.kinds", &targets.kinds[..])]
         {
@@ -300,15 +301,15 @@ fn frames() -> u64 {
     150
 }
 
-impl Default for Settings {
+impl Default for RenderSettings {
     fn default() -> Self {
         Self {
             size: size(),
             focal: [480.0, 640.0],
             fps: fps(),
             frames: frames(),
-            pictures: Pictures::default(),
-            motion: Motion::default(),
+            pictures: BackgroundSettings::default(),
+            motion: MotionSettings::default(),
             sensor: Sensor::default(),
             scene: SceneSettings::default(),
             targets: Targets::default(),
@@ -316,13 +317,13 @@ impl Default for Settings {
     }
 }
 
-impl Default for Pictures {
+impl Default for BackgroundSettings {
     fn default() -> Self {
         Self { shares: [0.34, 0.18, 0.2, 0.28], oblique_as_ground: 0.25 }
     }
 }
 
-impl Default for Motion {
+impl Default for MotionSettings {
     fn default() -> Self {
         Self {
             agitation: [0.35, 2.2],
@@ -388,11 +389,11 @@ mod tests {
 
     #[test]
     fn the_file_holds_every_field_with_its_default() {
-        assert_eq!(Settings::parse(DEFAULT), Ok(Settings::default()));
-        assert_eq!(Settings::parse(""), Ok(Settings::default()));
+        assert_eq!(RenderSettings::parse(DEFAULT), Ok(RenderSettings::default()));
+        assert_eq!(RenderSettings::parse(""), Ok(RenderSettings::default()));
         // Every field of the structs is in the file: it is written again without a line more.
         let fields = |text: &str| text.lines().filter(|line| line.contains(" = ")).count();
-        let written = toml::to_string(&Settings::default()).unwrap();
+        let written = toml::to_string(&RenderSettings::default()).unwrap();
         let documented = DEFAULT.lines().filter(|line| !line.starts_with('#')).collect::<Vec<_>>();
         assert_eq!(fields(&written), fields(&documented.join("\n")));
     }
@@ -408,7 +409,7 @@ mod tests {
             ("[scene]\nmovers = [5, 2]", "scene.movers"),
             ("[motion]\nspeed = [nan, 2.0]", "'motion.speed' is [NaN, 2]"),
         ] {
-            let error = Settings::parse(text).unwrap_err().to_string();
+            let error = RenderSettings::parse(text).unwrap_err().to_string();
             assert!(error.contains(expected), "{text}: {error}");
         }
     }

@@ -2,7 +2,7 @@
 
 use super::cutout::Cutout;
 use crate::shell::formats::class::Class;
-use crate::shell::support::vectors::{Rotation, Vector, add, dot};
+use crate::shell::support::vectors::{Rotation, WorldVector, add, dot};
 use std::format;
 use std::string::String;
 use std::vec;
@@ -16,7 +16,7 @@ const LARGEST: f64 = 320.0;
 /// A triangle mesh; coordinates in lengths of its longest extent, x right, y down, z forward, centred.
 #[derive(Debug, Clone)]
 pub(super) struct Solid {
-    points: Vec<Vector>,
+    points: Vec<WorldVector>,
     triangles: Vec<[usize; 3]>,
     /// Longest extent, metres.
     pub length: f64,
@@ -28,7 +28,7 @@ pub(super) struct Solid {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SolidPose<'a> {
     /// Centre in the camera's frame, metres.
-    pub place: Vector,
+    pub place: WorldVector,
     /// Longest extent, metres.
     pub length: f64,
     /// From the solid's frame to the world.
@@ -38,7 +38,7 @@ pub(super) struct SolidPose<'a> {
     /// Focal length, pixels.
     pub focal: f64,
     /// Direction towards the sun in the world, of length 1.
-    pub sun: Vector,
+    pub sun: WorldVector,
     /// Grey level of a face in full sun, and that of one in shade.
     pub tones: [f64; 2],
 }
@@ -49,7 +49,7 @@ impl Solid {
     /// # Errors
     /// Line number and the field that is wrong.
     pub(super) fn parse(text: &str, class: Class) -> Result<Self, String> {
-        let mut points: Vec<Vector> = Vec::new();
+        let mut points: Vec<WorldVector> = Vec::new();
         let mut triangles = Vec::new();
         for (index, line) in text.lines().enumerate() {
             let mut fields = line.split_whitespace();
@@ -107,7 +107,7 @@ impl Solid {
     /// bounds is, and their size. `None` if a part of it is behind the camera or nothing is seen.
     pub(super) fn render(&self, pose: &SolidPose<'_>) -> Option<(Cutout, [f64; 2], [f64; 2])> {
         let SolidPose { place, length, attitude, camera, focal, sun, tones } = *pose;
-        let turned: Vec<Vector> =
+        let turned: Vec<WorldVector> =
             self.points.iter().map(|&p| attitude.apply(p.map(|v| v * length))).collect();
         let mut seen = Vec::with_capacity(turned.len());
         let mut bounds = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];

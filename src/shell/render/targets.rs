@@ -1,17 +1,17 @@
 //! Flying objects: targets on courses relative to the camera, and birds.
 
-use super::assets::{Assets, Run};
+use super::assets::{Assets, CutoutRun};
 use super::cutout::Cutout;
 use super::draw::{by_ratio, even, weighted};
 use super::motion::CameraMotion;
-use super::settings::Settings;
+use super::settings::RenderSettings;
 use super::solid::{Solid, SolidPose};
 use super::sprite::{Drawn, Placement, Tone, draw};
 use super::sway::Sway;
-use super::view::View;
+use super::view::Optics;
 use crate::shell::formats::class::Class;
 use crate::shell::support::random::Random;
-use crate::shell::support::vectors::{Rotation, Vector, add, atan2, direction, dot};
+use crate::shell::support::vectors::{Rotation, WorldVector, add, atan2, direction, dot};
 use std::vec::Vec;
 
 /// Metres a second that count as coming nearer.
@@ -48,30 +48,36 @@ impl Encounter {
     }
 
     /// Draws a kind by the settings' shares.
-    pub(super) fn draw(random: &mut Random, settings: &Settings) -> Self {
+    pub(super) fn draw(random: &mut Random, settings: &RenderSettings) -> Self {
         Self::ALL[weighted(random, &settings.targets.kinds)]
     }
 }
 
 /// Appearance of a flying object.
 #[derive(Debug, Clone)]
-enum Figure<'a> {
+enum Appearance<'a> {
     /// Frames of a recording, shown forth and back.
-    Run { run: &'a Run, phase: usize, mirrored: bool, stretch: f64, tone: Tone, bank: Sway },
+    Run { run: &'a CutoutRun, phase: usize, mirrored: bool, stretch: f64, tone: Tone, bank: Sway },
     /// A solid, its heading and rate of turn, and its tilt about two axes.
-    Solid { solid: &'a Solid, heading: [f64; 2], tilt: [Sway; 2], sun: Vector, tones: [f64; 2] },
+    Solid {
+        solid: &'a Solid,
+        heading: [f64; 2],
+        tilt: [Sway; 2],
+        sun: WorldVector,
+        tones: [f64; 2],
+    },
 }
 
 /// A flying object of a flight.
 #[derive(Debug, Clone)]
 pub(super) struct FlyingObject<'a> {
-    figure: Figure<'a>,
+    figure: Appearance<'a>,
     /// Longest extent, metres.
     pub length: f64,
     /// From the camera at time 0, metres in the axes of the world.
-    start: Vector,
+    start: WorldVector,
     /// Against the camera, metres a second.
-    velocity: Vector,
+    velocity: WorldVector,
     /// Deviations from the straight course, metres.
     wander: [Sway; 3],
     class: Class,
@@ -82,15 +88,15 @@ impl<'a> FlyingObject<'a> {
     pub(super) fn target(
         kind: Encounter,
         assets: &'a Assets,
-        settings: &Settings,
+        settings: &RenderSettings,
         motion: &CameraMotion,
-        view: &View,
+        view: &Optics,
         random: &mut Random,
     ) -> Option<Self> {
-        let figure = Figure::target(assets, settings, random)?;
+        let figure = Appearance::target(assets, settings, random)?;
         let class = figure.class();
         let length = match (&figure, class) {
-            (Figure::Solid { solid, .. }, _) => solid.length,
+            (Appearance::Solid { solid, .. }, _) => solid.length,
             (_, Class::Drone) => by_ratio(random, [0.3, 1.8]),
             (_, Class::Airplane) => by_ratio(random, [2.0, 34.0]),
             _ => by_ratio(random, [8.0, 18.0]),
@@ -114,7 +120,7 @@ impl<'a> FlyingObject<'a> {
             let length = dot(ray, ray).sqrt();
             ray.map(|v| v / length)
         };
-        let scaled = |v: Vector, range: f64| v.map(|x| x * range);
+        let scaled = |v: WorldVector, range: f64| v.map(|x| x * range);
         let (from, to) = match kind {
             Encounter::Collision => {
                 let bearing = aim(random, seconds / 2.0, 0.6);
@@ -159,16 +165,16 @@ impl<'a> FlyingObject<'a> {
     /// Draws a bird; `None` without recordings of any.
     pub(super) fn bird(
         assets: &'a Assets,
-        settings: &Settings,
+        settings: &RenderSettings,
         motion: &CameraMotion,
-        view: &View,
+        view: &Optics,
         random: &mut Random,
     ) -> Option<Self> {
         if assets.birds.is_empty() {
             return None;
         }
         let run = &assets.birds[random.below(assets.birds.len())];
-        let figure = Figure::recorded(run, settings, random);
+        let figure = Appearance::recorded(run, settings, random);
         let length = random.within(0.3, 1.6);
         let range = view.focal * length / by_ratio(random, [4.0, 45.0]);
         let seconds = settings.frames as f64 / f64::from(settings.fps);
@@ -191,7 +197,7 @@ impl<'a> FlyingObject<'a> {
     }
 
     /// From the camera to the object at `time`, metres in the axes of the world.
-    pub(super) fn place(&self, time: f64) -> Vector {
+    pub(super) fn place(&self, time: f64) -> WorldVector {
         let straight = add(self.start, self.velocity, time);
         core::array::from_fn(|i| straight[i] + self.wander[i].at(time))
     }
@@ -216,7 +222,7 @@ impl<'a> FlyingObject<'a> {
         &self,
         (time, index): (f64, u64),
         motion: &CameraMotion,
-        view: &View,
+        view: &Optics,
         pixels: &mut [u8],
     ) -> Option<Drawn> {
         let size = [view.size[0] as usize, view.size[1] as usize];
@@ -232,7 +238,7 @@ impl<'a> FlyingObject<'a> {
             return None;
         }
         match &self.figure {
-            Figure::Run { run, phase, mirrored, stretch, tone, bank } => {
+            Appearance::Run { run, phase, mirrored, stretch, tone, bank } => {
                 let cutout = frame_of(run, phase + index as usize);
                 let [_, _, wide, high] = cutout.bounds;
                 let (wide, high) = (wide * stretch, high);
@@ -246,7 +252,7 @@ impl<'a> FlyingObject<'a> {
                 };
                 draw(pixels, size, cutout, &placement, tone)
             }
-            Figure::Solid { solid, heading, tilt, sun, tones } => {
+            Appearance::Solid { solid, heading, tilt, sun, tones } => {
                 let [pitch, roll] = [0, 1].map(|i: usize| tilt[i].at(time));
                 let attitude = Rotation::new(heading[0] + heading[1] * time, pitch, roll);
                 let camera = motion.rotation(instant);
@@ -275,8 +281,8 @@ impl<'a> FlyingObject<'a> {
     }
 }
 
-impl<'a> Figure<'a> {
-    fn target(assets: &'a Assets, settings: &Settings, random: &mut Random) -> Option<Self> {
+impl<'a> Appearance<'a> {
+    fn target(assets: &'a Assets, settings: &RenderSettings, random: &mut Random) -> Option<Self> {
         let solid = random.chance(settings.targets.solid_probability) && !assets.solids.is_empty();
         if solid || assets.targets.is_empty() {
             let drones: Vec<&Solid> =
@@ -305,7 +311,7 @@ impl<'a> Figure<'a> {
         Some(Self::recorded(&clip[random.below(clip.len())], settings, random))
     }
 
-    fn recorded(run: &'a Run, settings: &Settings, random: &mut Random) -> Self {
+    fn recorded(run: &'a CutoutRun, settings: &RenderSettings, random: &mut Random) -> Self {
         Self::Run {
             run,
             phase: random.below(2 * run.len()),
@@ -330,13 +336,13 @@ impl<'a> Figure<'a> {
 }
 
 /// The frame of a run at a place, forth and back through it.
-fn frame_of(run: &Run, place: usize) -> &Cutout {
+fn frame_of(run: &CutoutRun, place: usize) -> &Cutout {
     let at = place % (2 * run.len());
     &run[at.min(2 * run.len() - 1 - at)]
 }
 
 /// Azimuth and elevation (down positive) of a direction, radians.
-pub(super) fn bearing(place: Vector) -> [f64; 2] {
+pub(super) fn bearing(place: WorldVector) -> [f64; 2] {
     let level = (place[0] * place[0] + place[2] * place[2]).sqrt();
     [atan2(place[0], place[2]), atan2(place[1], level)]
 }

@@ -7,7 +7,7 @@ use crate::shell::support::vectors::{direction, sin_cos};
 use std::vec;
 
 /// A picture of fractal noise; a bright smooth sky above `horizon`.
-fn picture(width: usize, height: usize, horizon: usize, kind: PictureKind) -> Picture {
+fn picture(width: usize, height: usize, horizon: usize, kind: PictureKind) -> BackgroundPicture {
     let grey = |i: usize| {
         let (x, y) = (i % width, i / width);
         if y < horizon {
@@ -15,11 +15,11 @@ fn picture(width: usize, height: usize, horizon: usize, kind: PictureKind) -> Pi
         }
         (40 + fractal(x as u32, y as u32, 11, 6, 2, 170, 7) / 420) as u8
     };
-    Picture::new((0..width * height).map(grey).collect(), width, height, Some(kind))
+    BackgroundPicture::new((0..width * height).map(grey).collect(), width, height, Some(kind))
 }
 
 /// A dark cross that turns a little from frame to frame.
-fn run(class: Class) -> Run {
+fn run(class: Class) -> CutoutRun {
     let frame = |step: usize| {
         let pixel = |i: usize| {
             let (x, y) = ((i % 40) as f64 - 19.5, (i / 40) as f64 - 14.5);
@@ -52,15 +52,15 @@ fn assets() -> Assets {
 }
 
 /// Small frames, targets in plain view.
-fn settings() -> Settings {
-    let mut settings = Settings { size: [320, 240], frames: 12, ..Settings::default() };
+fn settings() -> RenderSettings {
+    let mut settings = RenderSettings { size: [320, 240], frames: 12, ..RenderSettings::default() };
     settings.targets.kinds = [0.3, 0.3, 0.2, 0.2, 0.0];
     settings.targets.pixels = [14.0, 50.0];
     settings
 }
 
 /// Neither noise nor compression: what differs between two flights is what was drawn.
-fn plain() -> Settings {
+fn plain() -> RenderSettings {
     let mut settings = settings();
     settings.sensor.noise = [0.001, 0.001];
     settings.sensor.quantiser = [0.5, 0.6];
@@ -69,7 +69,7 @@ fn plain() -> Settings {
     settings
 }
 
-fn frames(mut flight: Flight<'_>) -> Vec<(Frame, FrameTruth)> {
+fn frames(mut flight: RenderedFlight<'_>) -> Vec<(Frame, RenderedTruth)> {
     let mut frame = Frame::default();
     core::iter::from_fn(|| flight.next_frame(&mut frame).map(|truth| (frame.clone(), truth)))
         .collect()
@@ -79,22 +79,22 @@ fn frames(mut flight: Flight<'_>) -> Vec<(Frame, FrameTruth)> {
 fn the_same_seed_and_index_give_the_same_bytes_and_truth() {
     let (assets, settings) = (assets(), settings());
     for index in 0..4 {
-        let first = frames(Flight::new(&assets, &settings, 5, index));
-        assert_eq!(first, frames(Flight::new(&assets, &settings, 5, index)));
+        let first = frames(RenderedFlight::new(&assets, &settings, 5, index));
+        assert_eq!(first, frames(RenderedFlight::new(&assets, &settings, 5, index)));
     }
 }
 
 #[test]
 fn a_flight_has_its_length_and_size_and_depends_on_seed_and_index() {
     let (assets, settings) = (assets(), settings());
-    let first = frames(Flight::new(&assets, &settings, 1, 0));
+    let first = frames(RenderedFlight::new(&assets, &settings, 1, 0));
     assert_eq!(first.len(), 12);
     for (number, (frame, _)) in first.iter().enumerate() {
         assert_eq!((frame.width, frame.height, frame.pixels.len()), (320, 240, 320 * 240));
         assert_eq!(frame.time_us, number as i64 * 1_000_000 / 30);
     }
     for [seed, index] in [[1, 1], [2, 0]] {
-        assert_ne!(frames(Flight::new(&assets, &settings, seed, index))[0].0, first[0].0);
+        assert_ne!(frames(RenderedFlight::new(&assets, &settings, seed, index))[0].0, first[0].0);
     }
 }
 
@@ -104,8 +104,8 @@ fn boxes_hold_the_targets_and_nothing_else_changes() {
     let (assets, settings) = (assets(), plain());
     let mut seen = 0;
     for index in 0..24 {
-        let with = frames(Flight::new(&assets, &settings, 3, index));
-        let mut flight = Flight::new(&assets, &settings, 3, index);
+        let with = frames(RenderedFlight::new(&assets, &settings, 3, index));
+        let mut flight = RenderedFlight::new(&assets, &settings, 3, index);
         flight.targets.clear();
         for ((frame, truth), (empty, nothing)) in with.iter().zip(frames(flight)) {
             assert!(nothing.boxes.is_empty() && nothing.targets.is_empty());
@@ -147,7 +147,7 @@ fn movers_glints_and_craft_are_never_in_the_truth() {
     busy.sensor.own_craft_probability = 1.0;
     let (mut differences, mut movers) = (0, 0);
     for index in 0..6 {
-        let mut flight = Flight::new(&assets, &busy, 9, index);
+        let mut flight = RenderedFlight::new(&assets, &busy, 9, index);
         // Fewer than asked for where the camera sees hardly any ground.
         movers += flight.movers.len();
         flight.movers.clear();
@@ -155,10 +155,10 @@ fn movers_glints_and_craft_are_never_in_the_truth() {
         flight.craft = OwnCraft::default();
         let still = frames(flight);
         for ((frame, truth), (other, same)) in
-            frames(Flight::new(&assets, &busy, 9, index)).iter().zip(&still)
+            frames(RenderedFlight::new(&assets, &busy, 9, index)).iter().zip(&still)
         {
             assert_eq!(truth.targets, same.targets);
-            let places = |truth: &FrameTruth| {
+            let places = |truth: &RenderedTruth| {
                 truth
                     .boxes
                     .iter()
@@ -182,7 +182,7 @@ fn empty_flights_have_birds_at_most() {
     empty.scene.birds_probability = 0.5;
     let mut birds = 0;
     for index in 0..12 {
-        for (_, truth) in frames(Flight::new(&assets, &empty, 2, index)) {
+        for (_, truth) in frames(RenderedFlight::new(&assets, &empty, 2, index)) {
             assert!(truth.targets.is_empty());
             assert!(truth.boxes.iter().all(|b| b.class == Class::Bird), "{:?}", truth.boxes);
             birds += truth.boxes.len();
@@ -200,7 +200,7 @@ fn a_collision_keeps_its_bearing_and_its_box_is_where_its_bearing_is() {
     settings.frames = 60;
     let mut boxes = 0;
     for index in 0..8 {
-        let flight = Flight::new(&assets, &settings, 4, index);
+        let flight = RenderedFlight::new(&assets, &settings, 4, index);
         let (motion, view) = (flight.motion.clone(), flight.view);
         let shown = frames(flight);
         let first = shown[0].1.targets[0];
@@ -239,7 +239,7 @@ fn block_motions_follow_the_background() {
     settings.motion.agitation = [1.5, 1.5001];
     let (mut moved, mut still) = (0u64, 0u64);
     for index in 0..8 {
-        let mut flight = Flight::new(&assets, &settings, 6, index);
+        let mut flight = RenderedFlight::new(&assets, &settings, 6, index);
         let (mut before, mut frame) = (Frame::default(), Frame::default());
         flight.next_frame(&mut before).unwrap();
         while flight.next_frame(&mut frame).is_some() {

@@ -1,14 +1,14 @@
 //! The camera's optics and readout: pixel to ray in the world and back.
 
 use super::motion::CameraMotion;
-use crate::shell::support::vectors::{Vector, dot};
+use crate::shell::support::vectors::{WorldVector, dot};
 
 /// Nearest depth that is projected, as a share of the distance.
 const NEAREST: f64 = 0.05;
 
 /// Optics of a camera with square pixels: pinhole and one radial term. Pixel centres are at half numbers.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct View {
+pub(super) struct Optics {
     /// Width and height, pixels.
     pub size: [f64; 2],
     /// Focal length, pixels.
@@ -17,9 +17,9 @@ pub(super) struct View {
     pub undistortion: f64,
 }
 
-impl View {
+impl Optics {
     /// Ray of a pixel in the camera's frame; not normalised, z is 1.
-    pub(super) fn ray(&self, [x, y]: [f64; 2]) -> Vector {
+    pub(super) fn ray(&self, [x, y]: [f64; 2]) -> WorldVector {
         let x = (x - self.size[0] / 2.0) / self.focal;
         let y = (y - self.size[1] / 2.0) / self.focal;
         let scale = 1.0 + self.undistortion * (x * x + y * y);
@@ -27,7 +27,7 @@ impl View {
     }
 
     /// Pixel of a point in the camera's frame; `None` behind the camera or far outside of the lens.
-    pub(super) fn pixel(&self, point: Vector) -> Option<[f64; 2]> {
+    pub(super) fn pixel(&self, point: WorldVector) -> Option<[f64; 2]> {
         let length = dot(point, point).sqrt();
         if point[2] <= NEAREST * length || length == 0.0 {
             return None;
@@ -59,7 +59,7 @@ impl View {
         &self,
         motion: &CameraMotion,
         time: f64,
-        point: impl Fn(f64) -> Vector,
+        point: impl Fn(f64) -> WorldVector,
     ) -> Option<[f64; 2]> {
         let mut instant = time;
         let mut found = None;

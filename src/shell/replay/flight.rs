@@ -3,7 +3,7 @@
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::simulate::source::Simulated;
-use crate::shell::simulate::{SimulateSettings, Simulator, Telemetry};
+use crate::shell::simulate::{FlightTelemetry, SimulateSettings, Simulator};
 use crate::shell::sources::{self, FrameSource};
 use clap::parser::ValueSource;
 use std::boxed::Box;
@@ -68,8 +68,8 @@ impl FlightArgs {
     }
 
     /// The telemetry of the simulated flight.
-    pub fn telemetry(&self, input: Option<&Path>) -> Option<Telemetry> {
-        input.is_none().then(|| Telemetry::of(&self.settings))
+    pub fn telemetry(&self, input: Option<&Path>) -> Option<FlightTelemetry> {
+        input.is_none().then(|| FlightTelemetry::of(&self.settings))
     }
 
     /// Name in errors.

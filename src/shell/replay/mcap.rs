@@ -10,7 +10,7 @@ use crate::shell::error::Error;
 use crate::shell::formats::{detections, traffic};
 use crate::shell::sources::Frame;
 use crate::shell::support::file_error::FileError;
-use crate::tracking::traffic::{Level, Traffic};
+use crate::tracking::traffic::{AlertLevel, Traffic};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use image::ExtendedColorType;
@@ -45,15 +45,15 @@ const FRAME: usize = 4;
 const FRAME_ID: &str = "camera";
 
 /// A file under way.
-pub struct Mcap {
+pub struct McapWriter {
     path: PathBuf,
     writer: Writer<BufWriter<File>>,
     channels: [u16; TOPICS.len()],
     sequence: u32,
-    levels: BTreeMap<u16, Level>,
+    levels: BTreeMap<u16, AlertLevel>,
 }
 
-impl Mcap {
+impl McapWriter {
     /// Creates a file.
     ///
     /// # Errors
@@ -110,8 +110,8 @@ impl Mcap {
             if track.level > std::mem::replace(level, track.level) {
                 // Foxglove's numbers: information, warning, error.
                 let level = match track.level {
-                    Level::Warning => 4,
-                    Level::Caution => 3,
+                    AlertLevel::Warning => 4,
+                    AlertLevel::Caution => 3,
                     _ => 2,
                 };
                 let message = traffic::in_words(track, pointed);
@@ -200,7 +200,7 @@ fn annotations(stamp: &Value, found: &Detections, tracks: &[Traffic]) -> Value {
         add(
             rect,
             text,
-            if track.level == Level::Warning { [1.0, 0.1, 0.1] } else { [0.1, 0.8, 1.0] },
+            if track.level == AlertLevel::Warning { [1.0, 0.1, 0.1] } else { [0.1, 0.8, 1.0] },
         );
     }
     json!({"circles": [], "points": points, "texts": texts})

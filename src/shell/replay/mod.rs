@@ -9,8 +9,8 @@ use super::error::Error;
 use super::formats::camera_file::{CameraArgs, CameraFile};
 use super::formats::detections::{self, SCORE_BITS, TextFile};
 use super::formats::traffic;
-use super::pictures::Pictures;
-use super::pictures::annotate::Picture;
+use super::pictures::PictureOutput;
+use super::pictures::annotate::ColourPicture;
 use super::pictures::colour::Colours;
 use super::pipeline::{self, DetectorArgs, ModelFile};
 use super::sources::Frame;
@@ -19,12 +19,12 @@ use crate::detector::digest::Digest;
 use crate::detector::{Detection, Detections};
 use crate::mavlink::component;
 use crate::mavlink::component::parameters::Parameters;
-use crate::mavlink::lookout::Onboard;
+use crate::mavlink::lookout::Lookout;
 use crate::model::Model;
 use crate::model::calibration::ONE;
 use crate::shell::support::print::print_line;
 use crate::tracking::tracker;
-use crate::tracking::traffic::Level;
+use crate::tracking::traffic::AlertLevel;
 use flight::FlightArgs;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::collections::BTreeMap;
@@ -33,7 +33,7 @@ use std::path::PathBuf;
 use std::string::String;
 use std::time::{Duration, Instant};
 use std::{eprintln, format};
-use telemetry::{LATENCY_US, Telemetry, TelemetryArgs, unplaced};
+use telemetry::{LATENCY_US, ReplayTelemetry, TelemetryArgs, unplaced};
 
 /// Default precision (Q16) of reported detections, for models with a calibration.
 const PRECISION: u32 = ONE * 9 / 10;
@@ -96,7 +96,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended, Error> {
     args.detector.min_precision = None;
     let threshold = asked.unwrap_or_else(|| default_threshold(&model));
     // A track goes on with weaker detections than are reported.
-    let tracks = tracker::Settings::calibrated(model.calibration());
+    let tracks = tracker::TrackerSettings::calibrated(model.calibration());
     args.detector.threshold = Some(threshold.min(tracks.keep_score));
     interrupt::watch()?;
     pipeline::on_threads(args.threads, || replay(&args, threshold, tracks, &model))?
@@ -112,13 +112,13 @@ fn default_threshold(model: &Model<'_>) -> i32 {
 fn replay(
     args: &ReplayArgs,
     threshold: i32,
-    tracks: tracker::Settings,
+    tracks: tracker::TrackerSettings,
     model: &Model<'_>,
 ) -> Result<Ended, Error> {
     let input = args.input.as_deref();
     let own = args.flight.camera(input)?;
     let mut source = args.flight.open(input)?;
-    let mut outputs = Outputs::create(args, threshold, own, tracks)?;
+    let mut outputs = ReplayOutputs::create(args, threshold, own, tracks)?;
     let count = source.frame_count();
     let bar = progress(count);
     let mut spoken = SpokenProgress::new(bar.is_hidden());
@@ -177,26 +177,26 @@ impl SpokenProgress {
 }
 
 /// Outputs of a replay, written frame by frame.
-struct Outputs {
+struct ReplayOutputs {
     threshold: i32,
     lead: u64,
     camera: (CameraArgs, Option<CameraFile>),
-    telemetry: Telemetry,
-    tracks: tracker::Settings,
+    telemetry: ReplayTelemetry,
+    tracks: tracker::TrackerSettings,
     parameters: Parameters,
     /// The camera is on a gimbal.
     gimbal: bool,
-    onboard: Option<Onboard>,
-    levels: BTreeMap<u16, Level>,
+    onboard: Option<Lookout>,
+    levels: BTreeMap<u16, AlertLevel>,
     mot: Option<TextFile>,
     jsonl: Option<TextFile>,
-    pictures: Option<Pictures>,
+    pictures: Option<PictureOutput>,
     #[cfg(feature = "mcap")]
-    mcap: Option<mcap::Mcap>,
+    mcap: Option<mcap::McapWriter>,
     digest: Option<Digest>,
     /// No output was requested: detections are printed in words.
     print: bool,
-    picture: Picture,
+    picture: ColourPicture,
     colours: Colours,
     frames: u64,
     found: u64,
@@ -206,12 +206,12 @@ struct Outputs {
     heard: bool,
 }
 
-impl Outputs {
+impl ReplayOutputs {
     fn create(
         args: &ReplayArgs,
         threshold: i32,
         own: Option<CameraFile>,
-        tracks: tracker::Settings,
+        tracks: tracker::TrackerSettings,
     ) -> Result<Self, Error> {
         let simulated = args.flight.telemetry(args.input.as_deref());
         let create = |path: &Option<PathBuf>| path.as_deref().map(TextFile::create).transpose();
@@ -221,18 +221,18 @@ impl Outputs {
             camera: (args.camera.clone(), own),
             parameters: args.telemetry.parameters()?,
             gimbal: args.telemetry.gimbal,
-            telemetry: Telemetry::open(&args.telemetry, simulated)?,
+            telemetry: ReplayTelemetry::open(&args.telemetry, simulated)?,
             tracks,
             onboard: None,
             levels: BTreeMap::new(),
             mot: create(&args.detections)?,
             jsonl: create(&args.jsonl)?,
-            pictures: args.annotate.as_deref().map(Pictures::create).transpose()?,
+            pictures: args.annotate.as_deref().map(PictureOutput::create).transpose()?,
             #[cfg(feature = "mcap")]
-            mcap: args.mcap.as_deref().map(mcap::Mcap::create).transpose()?,
+            mcap: args.mcap.as_deref().map(mcap::McapWriter::create).transpose()?,
             digest: args.digest.then(Digest::default),
             print: false,
-            picture: Picture::default(),
+            picture: ColourPicture::default(),
             colours: match args.annotate {
                 Some(_) => Colours::open(args.input.as_deref()),
                 None => Colours::Grey,
@@ -260,9 +260,10 @@ impl Outputs {
             none => {
                 let (args, own) = &self.camera;
                 let camera = args.camera(frame.width, frame.height, own.as_ref())?;
-                let component = component::Config { gimbal: self.gimbal, ..Default::default() };
+                let component =
+                    component::ComponentConfig { gimbal: self.gimbal, ..Default::default() };
                 let kept = self.parameters;
-                none.insert(Onboard::new(camera, self.tracks, component, kept, 0))
+                none.insert(Lookout::new(camera, self.tracks, component, kept, 0))
             }
         };
         let now_us = frame.time_us.saturating_add(LATENCY_US);
@@ -314,9 +315,9 @@ impl Outputs {
 
     /// Completes the files also after an error; returns the first error.
     fn finish(self, ended: Result<Ended, Error>) -> Result<Ended, Error> {
-        let completed = self.pictures.map_or(Ok(()), Pictures::finish);
+        let completed = self.pictures.map_or(Ok(()), PictureOutput::finish);
         #[cfg(feature = "mcap")]
-        let written = self.mcap.map_or(Ok(()), mcap::Mcap::finish);
+        let written = self.mcap.map_or(Ok(()), mcap::McapWriter::finish);
         let logged = self.telemetry.finish();
         let ended = ended?;
         logged?;

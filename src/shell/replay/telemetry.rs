@@ -4,9 +4,9 @@
 //! taken, so that the same flight gives the same messages however fast the machine is.
 
 use crate::mavlink::component::parameters::Parameters;
-use crate::mavlink::component::{Event, Outgoing, Trust};
-use crate::mavlink::lookout::Onboard;
-use crate::mavlink::placing::{Cause, News};
+use crate::mavlink::component::{ComponentEvent, Outgoing, Trust};
+use crate::mavlink::lookout::Lookout;
+use crate::mavlink::placing::{News, UnplacedCause};
 use crate::shell::error::Error;
 use crate::shell::formats::flight_log;
 use crate::shell::formats::flight_sample::FlightLogError;
@@ -104,52 +104,59 @@ pub fn signing_with(key: &Path, time: Option<&Path>) -> Result<Signing, Error> {
 }
 
 /// Logs the component's events since the last call.
-pub fn log_events(onboard: &mut Onboard) {
+pub fn log_events(onboard: &mut Lookout) {
     while let Some(event) = onboard.event() {
         match event {
-            Event::Found { system_id, autopilot } => {
+            ComponentEvent::Found { system_id, autopilot } => {
                 tracing::info!(system_id, autopilot, "autopilot found");
             }
-            Event::Returned { system_id } => tracing::info!(system_id, "autopilot is back"),
-            Event::Lost => {
+            ComponentEvent::Returned { system_id } => {
+                tracing::info!(system_id, "autopilot is back")
+            }
+            ComponentEvent::Lost => {
                 let system_id = onboard.component().system_id();
                 tracing::warn!(system_id, "autopilot lost: no traffic on the map until it is back");
             }
-            Event::Restarted => {
+            ComponentEvent::Restarted => {
                 let system_id = onboard.component().system_id();
                 tracing::warn!(system_id, "autopilot restarted");
             }
-            Event::Parameter(parameter) => {
+            ComponentEvent::Parameter(parameter) => {
                 let value = onboard.component().parameters().wire(parameter);
                 tracing::info!("parameter {} set to {value}", parameter.name());
             }
-            Event::FieldOfView { degrees } => {
+            ComponentEvent::FieldOfView { degrees } => {
                 tracing::info!(
                     "the camera's field of view is {degrees:.1} degrees by its own CAMERA_FOV_STATUS"
                 );
             }
-            Event::Map(News::Lost(cause)) => {
+            ComponentEvent::Map(News::Lost(cause)) => {
                 let often = often(onboard);
                 tracing::warn!("traffic is not put on the map: {cause}{often}");
             }
-            Event::Map(News::Good) => tracing::info!("traffic is put on the map again"),
-            Event::Attitude { .. } | Event::Rates { .. } | Event::Gimbal { .. } => {}
+            ComponentEvent::Map(News::Good) => tracing::info!("traffic is put on the map again"),
+            ComponentEvent::Attitude { .. }
+            | ComponentEvent::Rates { .. }
+            | ComponentEvent::Gimbal { .. } => {}
         }
     }
 }
 
 /// `; 2.0 attitudes a second`.
-fn often(onboard: &Onboard) -> String {
+fn often(onboard: &Lookout) -> String {
     let interval = onboard.attitude_interval_us().filter(|us| *us > 0);
     interval.map_or(String::new(), |us| format!("; {:.1} attitudes a second", 1e6 / us as f64))
 }
 
 /// How many objects had no place on the map, and why: a line for each cause. `None` where all had one.
-pub fn unplaced(onboard: &Onboard) -> Option<String> {
+pub fn unplaced(onboard: &Lookout) -> Option<String> {
     let counts = onboard.placing().counts();
     let mut lines = Vec::new();
-    for (cause, lost) in Cause::ALL.into_iter().zip(counts.lost).filter(|(_, lost)| *lost > 0) {
-        let often = if cause == Cause::RareAttitude { often(onboard) } else { String::new() };
+    for (cause, lost) in
+        UnplacedCause::ALL.into_iter().zip(counts.lost).filter(|(_, lost)| *lost > 0)
+    {
+        let often =
+            if cause == UnplacedCause::RareAttitude { often(onboard) } else { String::new() };
         let all = counts.all();
         lines.push(format!("no place on the map for {lost} of {all} sightings: {cause}{often}"));
     }
@@ -159,7 +166,7 @@ pub fn unplaced(onboard: &Onboard) -> Option<String> {
 type Feed = Box<dyn Iterator<Item = Result<(i64, MAVLinkMessageRaw), FlightLogError>>>;
 
 /// The telemetry of one replay.
-pub struct Telemetry {
+pub struct ReplayTelemetry {
     feed: Peekable<Feed>,
     /// Time of the first frame, microseconds since 1970.
     first_us: i64,
@@ -170,14 +177,14 @@ pub struct Telemetry {
     started: Option<Instant>,
 }
 
-impl Telemetry {
+impl ReplayTelemetry {
     /// Opens what `args` name; `simulated` is the telemetry of a simulated flight.
     ///
     /// # Errors
     /// [`Error::Tlog`], [`FileError::Write`](crate::shell::support::file_error::FileError::Write).
     pub fn open(
         args: &TelemetryArgs,
-        simulated: Option<simulate::Telemetry>,
+        simulated: Option<simulate::FlightTelemetry>,
     ) -> Result<Self, Error> {
         let (first_us, feed): (i64, Feed) = match (&args.tlog_in, simulated) {
             (Some(path), _) => {
@@ -219,7 +226,7 @@ impl Telemetry {
     ///
     /// # Errors
     /// [`Error::Tlog`], [`FileError::Write`](crate::shell::support::file_error::FileError::Write).
-    pub fn advance(&mut self, onboard: &mut Onboard, to_us: i64) -> Result<(), Error> {
+    pub fn advance(&mut self, onboard: &mut Lookout, to_us: i64) -> Result<(), Error> {
         while self.now_us < to_us {
             self.now_us = (self.now_us + TICK_US).min(to_us);
             self.hear(onboard)?;
@@ -233,7 +240,7 @@ impl Telemetry {
     }
 
     /// Recorded telemetry up to now.
-    fn hear(&mut self, onboard: &mut Onboard) -> Result<(), Error> {
+    fn hear(&mut self, onboard: &mut Lookout) -> Result<(), Error> {
         let now_us = self.now_us;
         let due =
             |item: &Result<(i64, _), _>| item.as_ref().map_or(true, |(time, _)| *time <= now_us);
@@ -247,7 +254,7 @@ impl Telemetry {
     }
 
     /// With links: waits until real time has reached the flight's, and receives meanwhile.
-    fn wait(&mut self, onboard: &mut Onboard) {
+    fn wait(&mut self, onboard: &mut Lookout) {
         let Some(links) = &mut self.links else { return };
         let started = *self.started.get_or_insert_with(Instant::now);
         let due = Duration::from_micros(self.now_us.unsigned_abs());

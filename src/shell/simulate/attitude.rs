@@ -2,11 +2,11 @@
 
 use crate::shell::render::Sway;
 use crate::shell::support::random::Random;
-use crate::shell::support::vectors::{Rotation, Vector};
+use crate::shell::support::vectors::{Rotation, WorldVector};
 
 /// The path and attitude of the camera.
 #[derive(Debug, Clone)]
-pub(super) struct Camera {
+pub(super) struct CameraPath {
     sway: [Sway; 3],
     shake: [Sway; 3],
     drift: Sway,
@@ -15,12 +15,12 @@ pub(super) struct Camera {
     /// Metres above the ground at the start.
     pub(super) height: f64,
     /// Velocity in metres a second.
-    pub(super) velocity: Vector,
+    pub(super) velocity: WorldVector,
 }
 
-impl Camera {
+impl CameraPath {
     /// A camera that looks about along z, `pitch` radians above the horizon on average.
-    pub(super) fn new(random: &mut Random, height: f64, pitch: f64, velocity: Vector) -> Self {
+    pub(super) fn new(random: &mut Random, height: f64, pitch: f64, velocity: WorldVector) -> Self {
         // From a calm hover to a rough flight.
         let agitation = random.within(0.35, 1.5);
         Self {
@@ -51,7 +51,7 @@ impl Camera {
     }
 
     /// Where it is at `time`, metres; y is minus the height above the ground.
-    pub(super) fn position(&self, time: f64) -> Vector {
+    pub(super) fn position(&self, time: f64) -> WorldVector {
         let [vx, vy, vz] = self.velocity;
         let drift = self.drift.at(time);
         [vx * time + drift, vy * time - self.height + drift, vz * time]
@@ -66,7 +66,7 @@ mod tests {
     fn attitude_is_smooth_and_bounded() {
         for seed in 0..50 {
             let mut random = Random::stream(seed, 0);
-            let camera = Camera::new(&mut random, 50.0, -0.1, [0.0, 0.0, 8.0]);
+            let camera = CameraPath::new(&mut random, 50.0, -0.1, [0.0, 0.0, 8.0]);
             let mut moved = 0.0;
             for step in 0..3000 {
                 let time = f64::from(step) / 100.0;

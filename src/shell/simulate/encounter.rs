@@ -1,11 +1,11 @@
 //! Courses of the camera and the target.
 
-use super::attitude::Camera;
+use super::attitude::CameraPath;
 use super::shapes::Shape;
-use super::{Kind, SimulateSettings};
+use super::{Manoeuvre, SimulateSettings};
 use crate::shell::render::Sway;
 use crate::shell::support::random::Random;
-use crate::shell::support::vectors::{Rotation, Vector, add, atan2, direction, dot, sin_cos};
+use crate::shell::support::vectors::{Rotation, WorldVector, add, atan2, direction, dot, sin_cos};
 use core::ops::Range;
 
 /// Metres a second that count as flying nearer.
@@ -13,25 +13,25 @@ const CLOSING: f64 = 0.05;
 
 /// The other aircraft of a flight.
 #[derive(Debug, Clone)]
-pub(super) struct Target {
+pub(super) struct OtherAircraft {
     pub(super) shape: Shape,
     /// Wing span, or rotor tip to rotor tip, metres.
     pub(super) span: f64,
     /// Grey level.
     pub(super) tone: f64,
     /// From the camera at time 0, metres in the world.
-    start: Vector,
+    start: WorldVector,
     /// Metres a second against the camera.
-    velocity: Vector,
+    velocity: WorldVector,
     hover: Option<[Sway; 3]>,
     heading: f64,
     turn: f64,
     tilt: [Sway; 2],
 }
 
-impl Target {
+impl OtherAircraft {
     /// From the camera to the target at `time`, metres in the world.
-    pub(super) fn place(&self, time: f64) -> Vector {
+    pub(super) fn place(&self, time: f64) -> WorldVector {
         let mut place = add(self.start, self.velocity, time);
         if let Some(sway) = &self.hover {
             for (along, sway) in place.iter_mut().zip(sway) {
@@ -68,7 +68,7 @@ pub(super) fn encounter(
     settings: &SimulateSettings,
     focal: f64,
     random: &mut Random,
-) -> (Camera, Option<Target>, f64) {
+) -> (CameraPath, Option<OtherAircraft>, f64) {
     let seconds = settings.frames() as f64 / f64::from(settings.fps);
     let speed = random.within(2.0, 9.0);
     let course = random.within(-0.4, 0.4);
@@ -79,9 +79,9 @@ pub(super) fn encounter(
     } else {
         (random.within(-0.55, -0.2), random.within(30.0, 90.0))
     };
-    let camera = Camera::new(random, height, pitch, velocity);
+    let camera = CameraPath::new(random, height, pitch, velocity);
     let trees = velocity[2] * seconds + random.within(150.0, 500.0);
-    let target = (settings.kind != Kind::None)
+    let target = (settings.kind != Manoeuvre::None)
         .then(|| target(settings, focal, seconds, &camera, pitch, random));
     (camera, target, trees)
 }
@@ -90,11 +90,11 @@ fn target(
     settings: &SimulateSettings,
     focal: f64,
     seconds: f64,
-    camera: &Camera,
+    camera: &CameraPath,
     pitch: f64,
     random: &mut Random,
-) -> Target {
-    let drone = settings.kind == Kind::Hover || random.chance(0.5);
+) -> OtherAircraft {
+    let drone = settings.kind == Manoeuvre::Hover || random.chance(0.5);
     let span = if drone { random.within(0.45, 1.1) } else { random.within(1.6, 4.0) };
     // Spans from 10 to 60 px, less in small pictures.
     let largest = f64::min(60.0, settings.height as f64 / 5.0);
@@ -106,20 +106,20 @@ fn target(
     let azimuth = random.within(-0.28, 0.28);
     let down = random.within(-0.2, 0.2) - pitch;
     // Not under the ground, where the target is at its farthest.
-    let farthest = if settings.kind == Kind::Hover { middle } else { far };
+    let farthest = if settings.kind == Manoeuvre::Hover { middle } else { far };
     let lowest = (camera.height - 6.0).max(1.0) / farthest;
     let down = down.min(lowest).min(0.7);
     let ahead = direction(azimuth, down);
     let side = if azimuth > 0.0 { -1.0 } else { 1.0 };
     let across = direction(azimuth + side * core::f64::consts::FRAC_PI_2, 0.0);
     let (start, velocity) = match settings.kind {
-        Kind::Collision => (far, -(far - near) / seconds),
-        Kind::Receding => (near, (far - near) / seconds),
+        Manoeuvre::Collision => (far, -(far - near) / seconds),
+        Manoeuvre::Receding => (near, (far - near) / seconds),
         _ => (middle, 0.0),
     };
     let (mut start, mut velocity) = (ahead.map(|x| x * start), ahead.map(|x| x * velocity));
     match settings.kind {
-        Kind::Crossing => {
+        Manoeuvre::Crossing => {
             let half = direction(side * -0.42, down);
             start = half.map(|x| x * middle);
             let range = middle * random.within(0.8, 1.2);
@@ -127,10 +127,10 @@ fn target(
             let end = end.map(|x| x * range);
             velocity = add(end, start, -1.0).map(|x| x / seconds);
         }
-        Kind::Receding => velocity = add(velocity, across, 0.05 * far / seconds),
+        Manoeuvre::Receding => velocity = add(velocity, across, 0.05 * far / seconds),
         _ => {}
     }
-    let hover = (settings.kind == Kind::Hover)
+    let hover = (settings.kind == Manoeuvre::Hover)
         .then(|| [0, 1, 2].map(|_| Sway::new(random, 0.02 * middle, 0.03, 0.4)));
     let flown = add(velocity, camera.velocity, 1.0);
     // An aeroplane points where it flies; a multirotor anywhere.
@@ -142,7 +142,7 @@ fn target(
     // Dark against the sky; on the ground some are light.
     let light = down > 0.05 && random.chance(0.3);
     let tone = if light { random.within(200.0, 225.0) } else { random.within(28.0, 50.0) };
-    Target {
+    OtherAircraft {
         shape: if drone { Shape::multirotor() } else { Shape::aeroplane() },
         span,
         tone,
@@ -159,7 +159,7 @@ fn target(
 mod tests {
     use super::*;
 
-    fn flights(kind: Kind) -> impl Iterator<Item = (Camera, Target)> {
+    fn flights(kind: Manoeuvre) -> impl Iterator<Item = (CameraPath, OtherAircraft)> {
         (0..40).map(move |seed| {
             let settings = SimulateSettings { kind, seed, ..SimulateSettings::default() };
             let (camera, target, trees) = encounter(&settings, 560.0, &mut Random::stream(seed, 0));
@@ -168,14 +168,14 @@ mod tests {
         })
     }
 
-    fn bearing(place: Vector) -> (f64, f64, f64) {
+    fn bearing(place: WorldVector) -> (f64, f64, f64) {
         let flat = (place[0] * place[0] + place[2] * place[2]).sqrt();
         (atan2(place[0], place[2]), atan2(place[1], flat), dot(place, place).sqrt())
     }
 
     #[test]
     fn a_collision_keeps_its_bearing_and_ends_soon_after() {
-        for (_, target) in flights(Kind::Collision) {
+        for (_, target) in flights(Manoeuvre::Collision) {
             let (first, last) = (bearing(target.place(0.0)), bearing(target.place(5.0)));
             assert!((first.0 - last.0).abs() < 1e-9 && (first.1 - last.1).abs() < 1e-9);
             let contact = target.time_to_contact(5.0).unwrap();
@@ -186,14 +186,14 @@ mod tests {
 
     #[test]
     fn kinds_do_what_they_say() {
-        for (_, target) in flights(Kind::Receding) {
+        for (_, target) in flights(Manoeuvre::Receding) {
             assert_eq!(target.time_to_contact(2.0), None);
         }
-        for (_, target) in flights(Kind::Crossing) {
+        for (_, target) in flights(Manoeuvre::Crossing) {
             let (first, last) = (bearing(target.place(0.0)), bearing(target.place(5.0)));
             assert!((first.0 - last.0).abs() > 0.8);
         }
-        for (_, target) in flights(Kind::Hover) {
+        for (_, target) in flights(Manoeuvre::Hover) {
             let (first, last) = (bearing(target.place(0.0)), bearing(target.place(5.0)));
             assert!((first.0 - last.0).abs() < 0.2 && (first.2 / last.2 - 1.0).abs() < 0.2);
         }
@@ -201,7 +201,9 @@ mod tests {
 
     #[test]
     fn targets_fly_above_ground_in_size() {
-        for kind in [Kind::Collision, Kind::Receding, Kind::Crossing, Kind::Hover] {
+        for kind in
+            [Manoeuvre::Collision, Manoeuvre::Receding, Manoeuvre::Crossing, Manoeuvre::Hover]
+        {
             for (camera, target) in flights(kind) {
                 for time in [0.0, 2.5, 5.0] {
                     let place = target.place(time);

@@ -1,7 +1,7 @@
 //! Output of simulated and rendered flights: errors, text files, pictures, progress.
 
 use crate::shell::formats::camera_file::CameraFile;
-use crate::shell::render::{RenderError, SettingsError};
+use crate::shell::render::{RenderError, RenderSettingsError};
 use crate::shell::sources::Frame;
 use image::ImageEncoder;
 use image::codecs::png::PngEncoder;
@@ -41,7 +41,7 @@ pub enum SimulateError {
         /// The file, or the options.
         path: PathBuf,
         /// The field and what is expected.
-        source: SettingsError,
+        source: RenderSettingsError,
     },
     /// A video cannot be encoded.
     #[error("{}: {reason}; --png writes pictures without ffmpeg", path.display())]

@@ -16,9 +16,9 @@ mod telemetry;
 mod write;
 
 pub use files::SimulateError;
-pub use rendered::RenderArgs;
-pub use settings::{Kind, SimulateSettings};
-pub use telemetry::{START_US, Telemetry};
+pub use rendered::RenderedFlightArgs;
+pub use settings::{Manoeuvre, SimulateSettings};
+pub use telemetry::{FlightTelemetry, START_US};
 pub use write::{SimulateArgs, run};
 
 use crate::shell::formats::camera_file::CameraFile;
@@ -26,9 +26,9 @@ use crate::shell::formats::clips::TruthBox;
 use crate::shell::sources::{Frame, frame_time_us};
 use crate::shell::support::random::Random;
 use crate::shell::support::vectors::{atan2, dot};
-use attitude::Camera;
-use encounter::{Target, encounter};
-use scene::{Pose, Scene};
+use attitude::CameraPath;
+use encounter::{OtherAircraft, encounter};
+use scene::{Pose, ProceduralScene};
 use shapes::Outline;
 use std::vec;
 use std::vec::Vec;
@@ -48,7 +48,7 @@ const MARGIN: i64 = 2;
 
 /// Ground truth of one frame; angles in radians, x right, y down, z forward.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Truth {
+pub struct SimulatedTruth {
     /// Yaw of the camera, positive to the right.
     pub yaw: f64,
     /// Pitch, positive above the horizon.
@@ -56,12 +56,12 @@ pub struct Truth {
     /// Roll about the optical axis.
     pub roll: f64,
     /// The other aircraft, seen or not.
-    pub target: Option<TargetTruth>,
+    pub target: Option<SimulatedTarget>,
 }
 
 /// The other aircraft in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TargetTruth {
+pub struct SimulatedTarget {
     /// Bearing in the world, to the right of the z axis, radians.
     pub azimuth: f64,
     /// Below the horizon, radians.
@@ -78,9 +78,9 @@ pub struct TargetTruth {
 #[derive(Debug, Clone)]
 pub struct Simulator {
     settings: SimulateSettings,
-    scene: Scene,
-    camera: Camera,
-    target: Option<Target>,
+    scene: ProceduralScene,
+    camera: CameraPath,
+    target: Option<OtherAircraft>,
     /// Width, height and focal length in pixels.
     view: (usize, usize, f64),
     sums: Vec<u32>,
@@ -94,7 +94,8 @@ impl Simulator {
             (settings.width as usize, settings.height as usize, f64::from(settings.width) * FOCAL);
         let (camera, target, trees) =
             encounter(&settings, view.2, &mut Random::stream(settings.seed, 0));
-        let scene = Scene::new(&mut Random::stream(settings.seed, 1), trees, 1.0 / view.2);
+        let scene =
+            ProceduralScene::new(&mut Random::stream(settings.seed, 1), trees, 1.0 / view.2);
         Self { scene, camera, target, view, sums: vec![0; view.0 * view.1], settings }
     }
 
@@ -129,7 +130,7 @@ impl Simulator {
     }
 
     /// Renders frame `index` (from 0) into `frame` and returns its ground truth.
-    pub fn render(&mut self, index: u64, frame: &mut Frame) -> Truth {
+    pub fn render(&mut self, index: u64, frame: &mut Frame) -> SimulatedTruth {
         let (width, height, _) = self.view;
         let time = index as f64 / f64::from(self.settings.fps);
         self.sums.fill(0);
@@ -151,7 +152,7 @@ impl Simulator {
         let target = self.target.as_ref().map(|target| {
             let place = target.place(time);
             let level = (place[0] * place[0] + place[2] * place[2]).sqrt();
-            TargetTruth {
+            SimulatedTarget {
                 azimuth: atan2(place[0], place[2]),
                 elevation: atan2(place[1], level),
                 range: dot(place, place).sqrt(),
@@ -159,13 +160,13 @@ impl Simulator {
                 seen,
             }
         });
-        Truth { yaw, pitch, roll, target }
+        SimulatedTruth { yaw, pitch, roll, target }
     }
 
     /// Lays the target over the sums and gives its box.
     fn add_target(&mut self, time: f64) -> Option<TruthBox> {
         let target = self.target.as_ref()?;
-        let mask = Mask::new(&self.outlines(target, time), self.view);
+        let mask = OpacityMask::new(&self.outlines(target, time), self.view);
         let (width, height) = (self.view.0 as i64, self.view.1 as i64);
         // Left, top, right, bottom of the visible pixels, all and within the frame.
         let mut inside = [i64::MAX, i64::MAX, i64::MIN, i64::MIN];
@@ -198,7 +199,7 @@ impl Simulator {
     }
 
     /// The target as it is seen at each instant of the exposure; none behind the camera.
-    fn outlines(&self, target: &Target, time: f64) -> Vec<Outline> {
+    fn outlines(&self, target: &OtherAircraft, time: f64) -> Vec<Outline> {
         instants(time)
             .filter_map(|instant| {
                 let camera = self.camera.rotation(instant);
@@ -221,14 +222,14 @@ fn instants(time: f64) -> impl Iterator<Item = f64> {
 }
 
 /// Opacity of the target and tone times opacity in the pixels about it.
-struct Mask {
+struct OpacityMask {
     left: i64,
     top: i64,
     width: i64,
     pixels: Vec<(f64, f64)>,
 }
 
-impl Mask {
+impl OpacityMask {
     fn new(outlines: &[Outline], (width, height, _): (usize, usize, f64)) -> Self {
         let mut mask = Self { left: 0, top: 0, width: 1, pixels: Vec::new() };
         let bounds = outlines.iter().map(Outline::bounds);

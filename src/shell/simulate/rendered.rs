@@ -6,7 +6,7 @@ use super::files::{
 };
 use crate::shell::formats::camera_file::CameraFile;
 use crate::shell::formats::class::Class;
-use crate::shell::render::{Assets, Flight, FrameTruth, Settings};
+use crate::shell::render::{Assets, RenderSettings, RenderedFlight, RenderedTruth};
 use crate::shell::sources::Frame;
 use crate::shell::support::parallel;
 use image::{Rgb, RgbImage};
@@ -28,7 +28,7 @@ const SHRINK: usize = 2;
 /// Options of flights over given photographs.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Flights before pictures")]
-pub struct RenderArgs {
+pub struct RenderedFlightArgs {
     /// Photographs and panoramas (2:1) for backgrounds, JPEG or PNG, in any folders below; index.csv may give their kinds
     #[arg(long, value_name = "DIR")]
     pub backgrounds: Option<PathBuf>,
@@ -59,7 +59,7 @@ pub struct RenderArgs {
 pub(super) fn run(
     out: &Path,
     options: &SimulateSettings,
-    render: &RenderArgs,
+    render: &RenderedFlightArgs,
     backgrounds: &Path,
 ) -> Result<(), SimulateError> {
     let settings = settings(options, render)?;
@@ -96,14 +96,17 @@ pub(super) fn run(
 }
 
 /// The settings of the file with size, rate and length of the options.
-fn settings(options: &SimulateSettings, render: &RenderArgs) -> Result<Settings, SimulateError> {
-    let mut settings = Settings::default();
+fn settings(
+    options: &SimulateSettings,
+    render: &RenderedFlightArgs,
+) -> Result<RenderSettings, SimulateError> {
+    let mut settings = RenderSettings::default();
     let mut path = PathBuf::from("--width, --height, --fps, --seconds");
     if let Some(file) = &render.settings_file {
         let text = fs::read_to_string(file)
             .map_err(|source| SimulateError::Read { path: file.clone(), source })?;
         let wrong = |source| SimulateError::Settings { path: file.clone(), source };
-        settings = Settings::parse(&text).map_err(wrong)?;
+        settings = RenderSettings::parse(&text).map_err(wrong)?;
         path = file.clone();
     }
     settings.size = [options.width as usize, options.height as usize];
@@ -120,21 +123,21 @@ fn settings(options: &SimulateSettings, render: &RenderArgs) -> Result<Settings,
 /// Writes one flight; returns its line of `flights.csv` and its frames on the contact sheet.
 fn write_flight(
     out: &Path,
-    render: &RenderArgs,
+    render: &RenderedFlightArgs,
     assets: &Assets,
-    settings: &Settings,
+    settings: &RenderSettings,
     [seed, index]: [u64; 2],
 ) -> Result<(String, Vec<RgbImage>), SimulateError> {
     let name = format!("flight_{index:03}");
     let folder = out.join(&name);
     fs::create_dir(&folder).map_err(failed(&folder))?;
-    let mut flight = Flight::new(assets, settings, seed, index);
+    let mut flight = RenderedFlight::new(assets, settings, seed, index);
     let mut output = if render.png {
         Output::Pictures(folder.join("frames"))
     } else {
         // The encoder's own compression takes the place of the rendered one.
         let quality = flight.without_compression();
-        Output::Video(Encoder::start(folder.join("video.mp4"), settings, quality)?)
+        Output::Video(FlightEncoder::start(folder.join("video.mp4"), settings, quality)?)
     };
     if let Output::Pictures(frames) = &output {
         fs::create_dir(frames).map_err(failed(frames))?;
@@ -175,7 +178,7 @@ fn write_flight(
     Ok((line, shown))
 }
 
-fn camera_file(flight: &Flight<'_>, settings: &Settings) -> String {
+fn camera_file(flight: &RenderedFlight<'_>, settings: &RenderSettings) -> String {
     let (focal, k1) = flight.optics();
     let [width, height] = settings.size;
     let middle = |side: usize| side as f64 / 2.0 - 0.5;
@@ -193,19 +196,19 @@ fn camera_file(flight: &Flight<'_>, settings: &Settings) -> String {
 }
 
 /// The lines of `gt.txt`.
-fn box_lines(frame: u64, truth: &FrameTruth) -> String {
+fn box_lines(frame: u64, truth: &RenderedTruth) -> String {
     truth.boxes.iter().map(|seen| seen.line(frame)).collect()
 }
 
 /// The lines of `truth.csv`: one for each target, one without any.
-fn truth_lines(frame: u64, fps: u32, truth: &FrameTruth) -> String {
+fn truth_lines(frame: u64, fps: u32, truth: &RenderedTruth) -> String {
     let time = (frame - 1) as f64 / f64::from(fps);
     let [yaw, pitch, roll] = truth.attitude;
     let camera = format!("{frame},{time:.4},{yaw:.6},{pitch:.6},{roll:.6}");
     if truth.targets.is_empty() {
         return format!("{camera},,,,,\n");
     }
-    let line = |target: &crate::shell::render::TargetTruth| {
+    let line = |target: &crate::shell::render::RenderedTarget| {
         let contact = target.time_to_contact.map_or_else(|| "nan".into(), |s| format!("{s:.3}"));
         format!(
             "{camera},{},{:.6},{:.6},{:.3},{contact}\n",
@@ -216,7 +219,7 @@ fn truth_lines(frame: u64, fps: u32, truth: &FrameTruth) -> String {
 }
 
 /// A frame of the contact sheet: reduced, with boxes; targets red, birds yellow, ignored objects blue.
-fn small(frame: &Frame, truth: &FrameTruth) -> RgbImage {
+fn small(frame: &Frame, truth: &RenderedTruth) -> RgbImage {
     let (width, height) = (frame.width / SHRINK, frame.height / SHRINK);
     let grey = |x: usize, y: usize| {
         let at = |i: usize| {
@@ -253,18 +256,22 @@ fn small(frame: &Frame, truth: &FrameTruth) -> RgbImage {
 /// Output of a flight's frames.
 enum Output {
     Pictures(PathBuf),
-    Video(Encoder),
+    Video(FlightEncoder),
 }
 
 /// A running `ffmpeg` that encodes H.264.
-struct Encoder {
+struct FlightEncoder {
     path: PathBuf,
     child: Child,
 }
 
-impl Encoder {
+impl FlightEncoder {
     /// Starts it with a constant rate factor.
-    fn start(path: PathBuf, settings: &Settings, quality: u32) -> Result<Self, SimulateError> {
+    fn start(
+        path: PathBuf,
+        settings: &RenderSettings,
+        quality: u32,
+    ) -> Result<Self, SimulateError> {
         let [width, height] = settings.size;
         let child = Command::new("ffmpeg")
             .args(["-v", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "gray"])
@@ -313,7 +320,7 @@ impl Encoder {
     }
 }
 
-impl Drop for Encoder {
+impl Drop for FlightEncoder {
     fn drop(&mut self) {
         drop(self.child.stdin.take());
         // Both fail only when it has ended already.

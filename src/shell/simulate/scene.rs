@@ -3,7 +3,7 @@
 use super::landscape;
 use crate::shell::render::noise::{Texture, fractal};
 use crate::shell::support::random::Random;
-use crate::shell::support::vectors::{Rotation, Vector};
+use crate::shell::support::vectors::{Rotation, WorldVector};
 use std::vec::Vec;
 
 /// Metres a texel of the ground.
@@ -19,13 +19,13 @@ const RIDGE_STEP: f64 = 0.2;
 
 /// The procedural world, static; x right, y down, z forward, the ground is y = 0.
 #[derive(Debug, Clone)]
-pub(super) struct Scene {
+pub(super) struct ProceduralScene {
     ground: Texture,
     grain: Texture,
     clouds: Texture,
     /// From near to far.
     ridges: [Ridge; 2],
-    /// Haze in 1/256 by the ground's level of detail, see [`Scene::ground`].
+    /// Haze in 1/256 by the ground's level of detail, see [`ProceduralScene::ground`].
     haze: Vec<u32>,
     /// Angle of a pixel, radians.
     pixel: f64,
@@ -58,12 +58,12 @@ impl Ridge {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pose {
     /// Metres; y is minus the height.
-    pub(super) position: Vector,
+    pub(super) position: WorldVector,
     /// From camera to world.
     pub(super) rotation: Rotation,
 }
 
-impl Scene {
+impl ProceduralScene {
     /// A world whose trees stand `trees` metres ahead; `pixel` is the angle of one, radians.
     pub(super) fn new(random: &mut Random, trees: f64, pixel: f64) -> Self {
         let haze = (0..=16 * 16)
@@ -115,7 +115,7 @@ impl Scene {
 
     /// Grey in 1/256 that comes along `ray`.
     #[inline]
-    fn grey(&self, from: &Vector, ray: Vector) -> u32 {
+    fn grey(&self, from: &WorldVector, ray: WorldVector) -> u32 {
         let height = -from[1];
         let mut hidden = None;
         for ridge in &self.ridges {
@@ -158,12 +158,12 @@ impl Scene {
 
     /// Grey without trees and hills.
     #[inline]
-    fn open(&self, from: &Vector, ray: Vector, height: f64) -> u32 {
+    fn open(&self, from: &WorldVector, ray: WorldVector, height: f64) -> u32 {
         if ray[1] > 1e-4 { self.ground(from, ray, height / ray[1]) } else { self.sky(ray) }
     }
 
     #[inline]
-    fn ground(&self, from: &Vector, ray: Vector, distance: f64) -> u32 {
+    fn ground(&self, from: &WorldVector, ray: WorldVector, distance: f64) -> u32 {
         let (x, z) = (from[0] + ray[0] * distance, from[2] + ray[2] * distance);
         // Area of a pixel on the ground in texels, d^3 pixel^2 / height; its root is the scale.
         let height = ray[1] * distance;
@@ -182,7 +182,7 @@ impl Scene {
     }
 
     #[inline]
-    fn sky(&self, ray: Vector) -> u32 {
+    fn sky(&self, ray: WorldVector) -> u32 {
         let up = (-ray[1]).max(0.0);
         let scale = 1.0 / (up + 0.07);
         let texel = |along: f64| (along * scale * (256.0 * 60.0) + 1e9) as i64;
@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn every_direction_has_a_grey() {
-        let scene = Scene::new(&mut Random::stream(1, 0), 300.0, 1.0 / 560.0);
+        let scene = ProceduralScene::new(&mut Random::stream(1, 0), 300.0, 1.0 / 560.0);
         for step in 0..20_000 {
             let mut random = Random::stream(step, 1);
             let mut any = || random.within(-1.0, 1.0);

@@ -5,7 +5,7 @@ use std::string::String;
 
 /// Manoeuvre of the other aircraft.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Kind {
+pub enum Manoeuvre {
     /// Flies across the view.
     Crossing,
     /// Stays where it is.
@@ -18,7 +18,7 @@ pub enum Kind {
     None,
 }
 
-impl Kind {
+impl Manoeuvre {
     /// Its name in `camera.json` and on the command line.
     pub fn name(self) -> &'static str {
         match self {
@@ -41,8 +41,8 @@ pub struct SimulateSettings {
     #[arg(long, value_name = "N", default_value = "5", value_parser = parse_seconds)]
     pub seconds: f64,
     /// Manoeuvre of the other aircraft
-    #[arg(long, value_enum, default_value_t = Kind::Collision)]
-    pub kind: Kind,
+    #[arg(long, value_enum, default_value_t = Manoeuvre::Collision)]
+    pub kind: Manoeuvre,
     /// Width of the frames in pixels
     #[arg(long, value_name = "PIXELS", default_value_t = 640, value_parser = clap::value_parser!(u32).range(64..=4096))]
     pub width: u32,
@@ -56,7 +56,7 @@ pub struct SimulateSettings {
 
 impl Default for SimulateSettings {
     fn default() -> Self {
-        Self { seed: 1, seconds: 5.0, kind: Kind::Collision, width: 640, height: 480, fps: 30 }
+        Self { seed: 1, seconds: 5.0, kind: Manoeuvre::Collision, width: 640, height: 480, fps: 30 }
     }
 }
 

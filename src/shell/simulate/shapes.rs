@@ -1,7 +1,7 @@
 //! Aircraft as a few solids, seen in perspective.
 
 use crate::shell::formats::class::Class;
-use crate::shell::support::vectors::{Rotation, Vector};
+use crate::shell::support::vectors::{Rotation, WorldVector};
 use std::vec::Vec;
 
 /// Opacity of a spinning rotor.
@@ -11,11 +11,11 @@ const ROTOR: f64 = 0.5;
 #[derive(Debug, Clone, Copy)]
 enum Part {
     /// A round bar between two points with a radius at each.
-    Bar([Vector; 2], [f64; 2]),
+    Bar([WorldVector; 2], [f64; 2]),
     /// A flat convex plate.
-    Plate([Vector; 4]),
+    Plate([WorldVector; 4]),
     /// A spinning rotor about the y axis: centre and radius; half transparent.
-    Rotor(Vector, f64),
+    Rotor(WorldVector, f64),
 }
 
 /// An aircraft's parts, each with its tone (0 is the aircraft's own grey).
@@ -92,12 +92,12 @@ impl Shape {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Outline {
     /// From near to far.
-    parts: Vec<Seen>,
+    parts: Vec<VisiblePart>,
 }
 
 #[derive(Debug, Clone)]
-struct Seen {
-    figure: Figure,
+struct VisiblePart {
+    figure: PartOutline,
     tone: f64,
     depth: f64,
     /// Left, top, right, bottom.
@@ -105,7 +105,7 @@ struct Seen {
 }
 
 #[derive(Debug, Clone)]
-enum Figure {
+enum PartOutline {
     /// Start, the way to the end over its squared length, radius at both.
     Bar {
         start: [f64; 2],
@@ -126,18 +126,19 @@ impl Outline {
     /// (world) into a camera turned by `camera`; pixels.
     pub(super) fn project(
         shape: &Shape,
-        (place, span, attitude): (Vector, f64, &Rotation),
+        (place, span, attitude): (WorldVector, f64, &Rotation),
         camera: &Rotation,
         (width, height, focal): (usize, usize, f64),
     ) -> Self {
-        let turn = |v: Vector| camera.invert(attitude.apply(v.map(|x| x * span)));
-        let seat = |v: Vector| {
+        let turn = |v: WorldVector| camera.invert(attitude.apply(v.map(|x| x * span)));
+        let seat = |v: WorldVector| {
             let turned = turn(v);
             [place[0] + turned[0], place[1] + turned[1], place[2] + turned[2]]
         };
         let centre = (width as f64 / 2.0, height as f64 / 2.0);
-        let point = |p: Vector| [centre.0 + focal * p[0] / p[2], centre.1 + focal * p[1] / p[2]];
-        let mut parts: Vec<Seen> = Vec::with_capacity(shape.parts.len());
+        let point =
+            |p: WorldVector| [centre.0 + focal * p[0] / p[2], centre.1 + focal * p[1] / p[2]];
+        let mut parts: Vec<VisiblePart> = Vec::with_capacity(shape.parts.len());
         for &(part, tone) in &shape.parts {
             let (figure, depth, bounds) = match part {
                 Part::Bar(ends, radii) => {
@@ -148,19 +149,19 @@ impl Outline {
                     let length2 = way[0] * way[0] + way[1] * way[1];
                     let wide = radius[0].max(radius[1]);
                     let bounds = bounds(&[start, end], wide);
-                    let figure = Figure::Bar { start, way, length2, radius };
+                    let figure = PartOutline::Bar { start, way, length2, radius };
                     (figure, (ends[0][2] + ends[1][2]) / 2.0, bounds)
                 }
                 Part::Plate(corners) => {
                     let corners = corners.map(seat);
                     let depth = corners.iter().map(|corner| corner[2]).sum::<f64>() / 4.0;
                     let corners = corners.map(point);
-                    (Figure::Plate(corners), depth, bounds(&corners, 0.0))
+                    (PartOutline::Plate(corners), depth, bounds(&corners, 0.0))
                 }
                 Part::Rotor(middle, radius) => {
                     let middle = seat(middle);
                     // Small against its distance: seen as an ellipse.
-                    let axis = |v: Vector| {
+                    let axis = |v: WorldVector| {
                         let v = turn(v.map(|x| x * radius));
                         let far = [middle[0] + v[0], middle[1] + v[1], middle[2] + v[2]];
                         let (far, near) = (point(far), point(middle));
@@ -176,13 +177,13 @@ impl Outline {
                     let scale = xx * yy - xy * xy;
                     let inverse = [yy / scale, -xy / scale, xx / scale];
                     let centre = point(middle);
-                    let figure = Figure::Rotor { centre, inverse };
+                    let figure = PartOutline::Rotor { centre, inverse };
                     let (wide, high) = (xx.sqrt(), yy.sqrt());
                     let [x, y] = centre;
                     (figure, middle[2], [x - wide, y - high, x + wide, y + high])
                 }
             };
-            parts.push(Seen { figure, tone, depth, bounds });
+            parts.push(VisiblePart { figure, tone, depth, bounds });
         }
         // Stable: equal depths keep the order of the model.
         parts.sort_by(|a, b| a.depth.total_cmp(&b.depth));
@@ -216,7 +217,7 @@ impl Outline {
     }
 }
 
-impl Figure {
+impl PartOutline {
     /// Opacity and light of the surface where the figure covers the point.
     fn at(&self, x: f64, y: f64) -> Option<(f64, f64)> {
         match self {

@@ -1,13 +1,13 @@
 //! A flight simulated in memory.
 
-use crate::shell::simulate::{SimulateSettings, Simulator, Truth};
+use crate::shell::simulate::{SimulateSettings, SimulatedTruth, Simulator};
 use crate::shell::sources::{Frame, FrameSource, SourceError};
 
 /// Frames of a simulated flight, each rendered when it is read.
 #[derive(Debug, Clone)]
 pub struct Simulated {
     simulator: Simulator,
-    truth: Option<Truth>,
+    truth: Option<SimulatedTruth>,
     next: u64,
 }
 
@@ -18,7 +18,7 @@ impl Simulated {
     }
 
     /// Ground truth of the last frame read; `None` before the first.
-    pub fn truth(&self) -> Option<&Truth> {
+    pub fn truth(&self) -> Option<&SimulatedTruth> {
         self.truth.as_ref()
     }
 }
@@ -41,7 +41,7 @@ impl FrameSource for Simulated {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shell::simulate::Kind;
+    use crate::shell::simulate::Manoeuvre;
 
     #[test]
     fn it_ends_after_its_frames() {
@@ -49,7 +49,7 @@ mod tests {
             seconds: 0.1,
             width: 64,
             height: 64,
-            kind: Kind::None,
+            kind: Manoeuvre::None,
             ..SimulateSettings::default()
         });
         assert_eq!(flight.truth(), None);

@@ -5,7 +5,7 @@
 //! `Ry(yaw) Rx(pitch) Rz(roll)` of the camera is `Rz(yaw) Ry(pitch) Rx(roll)` of the body: the three angles of MAVLink's
 //! ATTITUDE, unchanged.
 
-use super::attitude::Camera;
+use super::attitude::CameraPath;
 use super::encounter::encounter;
 use super::{FOCAL, SimulateSettings};
 use crate::mavlink::dialect::{
@@ -14,7 +14,7 @@ use crate::mavlink::dialect::{
 };
 use crate::shell::sources::frame_time_us;
 use crate::shell::support::random::Random;
-use crate::shell::support::vectors::{Vector, sin_cos};
+use crate::shell::support::vectors::{WorldVector, sin_cos};
 use mavlink_core::{MAVLinkV2MessageRaw, MavHeader};
 
 /// When the first frame of a simulated flight is taken, microseconds since 1970: the first moment of 2026, UTC.
@@ -40,8 +40,8 @@ const AFTER_US: i64 = 100_000;
 /// The messages of a flight in order, from the first frame to shortly after the last, each as a frame of system 1,
 /// component 1, with its time in microseconds since the first video frame.
 #[derive(Debug, Clone)]
-pub struct Telemetry {
-    camera: Camera,
+pub struct FlightTelemetry {
+    camera: CameraPath,
     end_us: i64,
     tick: u64,
     /// Which of the tick's messages is next.
@@ -49,7 +49,7 @@ pub struct Telemetry {
     sequence: u8,
 }
 
-impl Telemetry {
+impl FlightTelemetry {
     /// The telemetry of the flight that `settings` describe.
     pub fn of(settings: &SimulateSettings) -> Self {
         let settings = settings.limited();
@@ -59,18 +59,18 @@ impl Telemetry {
     }
 
     /// The telemetry of a camera's flight.
-    fn new(camera: &Camera, settings: &SimulateSettings) -> Self {
+    fn new(camera: &CameraPath, settings: &SimulateSettings) -> Self {
         let last = frame_time_us(settings.frames() - 1, (settings.fps, 1));
         let end_us = last.saturating_add(AFTER_US);
         Self { camera: camera.clone(), end_us, tick: 0, slot: 0, sequence: 0 }
     }
 }
 
-impl Iterator for Telemetry {
+impl Iterator for FlightTelemetry {
     type Item = (i64, MAVLinkV2MessageRaw);
 
     fn next(&mut self) -> Option<Self::Item> {
-        type Build = fn(&Camera, f64, u32) -> MavMessage;
+        type Build = fn(&CameraPath, f64, u32) -> MavMessage;
         const SLOTS: [(u64, Build); 5] = [
             (SECOND, |_, _, _| heartbeat()),
             (SECOND, |_, time, boot| system_time(time, boot)),
@@ -123,7 +123,7 @@ fn system_time(time: f64, time_boot_ms: u32) -> MavMessage {
 }
 
 /// Change a second of what `value` gives, at `time`.
-fn slope(time: f64, value: impl Fn(f64) -> Vector) -> Vector {
+fn slope(time: f64, value: impl Fn(f64) -> WorldVector) -> WorldVector {
     let step = 0.001;
     let (before, after) = (value(time - step), value(time + step));
     [0, 1, 2].map(|axis: usize| (after[axis] - before[axis]) / (2.0 * step))
@@ -131,7 +131,7 @@ fn slope(time: f64, value: impl Fn(f64) -> Vector) -> Vector {
 
 /// Angular velocity about the body's axes, radians a second.
 /// Source: Diebel 2006, "Representing Attitude", section 5.6.3 (1, 2, 3 sequence).
-fn rates(camera: &Camera, time: f64) -> [f32; 3] {
+fn rates(camera: &CameraPath, time: f64) -> [f32; 3] {
     let [_, pitch, roll] = camera.attitude(time);
     let [yaw_rate, pitch_rate, roll_rate] = slope(time, |time| camera.attitude(time));
     let (sp, cp) = sin_cos(pitch);
@@ -144,7 +144,7 @@ fn rates(camera: &Camera, time: f64) -> [f32; 3] {
     .map(|rate| rate as f32)
 }
 
-fn quaternion(camera: &Camera, time: f64, time_boot_ms: u32) -> MavMessage {
+fn quaternion(camera: &CameraPath, time: f64, time_boot_ms: u32) -> MavMessage {
     let [(sy, cy), (sp, cp), (sr, cr)] = camera.attitude(time).map(|angle| sin_cos(angle / 2.0));
     let [rollspeed, pitchspeed, yawspeed] = rates(camera, time);
     MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
@@ -160,7 +160,7 @@ fn quaternion(camera: &Camera, time: f64, time_boot_ms: u32) -> MavMessage {
     })
 }
 
-fn angles(camera: &Camera, time: f64, time_boot_ms: u32) -> MavMessage {
+fn angles(camera: &CameraPath, time: f64, time_boot_ms: u32) -> MavMessage {
     let [yaw, pitch, roll] = camera.attitude(time).map(|angle| angle as f32);
     let [rollspeed, pitchspeed, yawspeed] = rates(camera, time);
     MavMessage::ATTITUDE(ATTITUDE_DATA {
@@ -174,7 +174,7 @@ fn angles(camera: &Camera, time: f64, time_boot_ms: u32) -> MavMessage {
     })
 }
 
-fn position(camera: &Camera, time: f64, time_boot_ms: u32) -> MavMessage {
+fn position(camera: &CameraPath, time: f64, time_boot_ms: u32) -> MavMessage {
     let [east, down, north] = camera.position(time);
     let velocity = slope(time, |time| camera.position(time));
     let [vy, vz, vx] = velocity.map(|speed| (speed * 100.0).round() as i16);
@@ -198,13 +198,13 @@ fn position(camera: &Camera, time: f64, time_boot_ms: u32) -> MavMessage {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Kind;
+    use super::super::Manoeuvre;
     use super::*;
     use crate::shell::support::vectors::Rotation;
     use mavlink_core::{MavlinkVersion, Message};
     use std::vec::Vec;
 
-    fn camera(settings: &SimulateSettings) -> Camera {
+    fn camera(settings: &SimulateSettings) -> CameraPath {
         encounter(settings, 560.0, &mut Random::stream(settings.seed, 0)).0
     }
 
@@ -213,7 +213,7 @@ mod tests {
             let id = raw.message_id();
             (time, MavMessage::parse(MavlinkVersion::V2, id, raw.payload()).unwrap())
         };
-        Telemetry::new(&camera(settings), settings).map(parse).collect()
+        FlightTelemetry::new(&camera(settings), settings).map(parse).collect()
     }
 
     #[test]
@@ -235,13 +235,14 @@ mod tests {
                 _ => {}
             }
         }
-        let sequence: Vec<u8> =
-            Telemetry::new(&camera(&settings), &settings).map(|(_, raw)| raw.sequence()).collect();
+        let sequence: Vec<u8> = FlightTelemetry::new(&camera(&settings), &settings)
+            .map(|(_, raw)| raw.sequence())
+            .collect();
         assert!(sequence.windows(2).all(|pair| pair[1] == pair[0].wrapping_add(1)));
     }
 
     /// Turns a vector of the body to north, east, down.
-    fn turned(data: &ATTITUDE_QUATERNION_DATA, v: Vector) -> Vector {
+    fn turned(data: &ATTITUDE_QUATERNION_DATA, v: WorldVector) -> WorldVector {
         let [w, x, y, z] = [data.q1, data.q2, data.q3, data.q4].map(f64::from);
         [
             (1.0 - 2.0 * (y * y + z * z)) * v[0]
@@ -307,7 +308,7 @@ mod tests {
     #[test]
     fn position_moves_with_its_velocity() {
         let settings =
-            SimulateSettings { kind: Kind::None, seconds: 8.0, ..SimulateSettings::default() };
+            SimulateSettings { kind: Manoeuvre::None, seconds: 8.0, ..SimulateSettings::default() };
         let positions: Vec<_> = messages(&settings)
             .into_iter()
             .filter_map(|(_, message)| match message {

@@ -7,13 +7,19 @@ use std::fs;
 use std::path::Path;
 use std::string::{String, ToString};
 
-const KINDS: [Kind; 5] = [Kind::Crossing, Kind::Hover, Kind::Collision, Kind::Receding, Kind::None];
+const KINDS: [Manoeuvre; 5] = [
+    Manoeuvre::Crossing,
+    Manoeuvre::Hover,
+    Manoeuvre::Collision,
+    Manoeuvre::Receding,
+    Manoeuvre::None,
+];
 
-fn small(kind: Kind, seed: u64) -> SimulateSettings {
+fn small(kind: Manoeuvre, seed: u64) -> SimulateSettings {
     SimulateSettings { seed, kind, width: 320, height: 240, ..SimulateSettings::default() }
 }
 
-fn render(settings: &SimulateSettings, index: u64) -> (Frame, Truth) {
+fn render(settings: &SimulateSettings, index: u64) -> (Frame, SimulatedTruth) {
     let mut frame = Frame::default();
     let truth = Simulator::new(settings).render(index, &mut frame);
     (frame, truth)
@@ -40,22 +46,22 @@ const GOLDEN: [u32; 5] = [0x38aa_de02, 0x5a94_d3da, 0xbfe5_4902, 0x847a_2816, 0x
 
 #[test]
 fn another_seed_is_another_flight() {
-    let (first, _) = render(&small(Kind::None, 1), 0);
-    let (second, _) = render(&small(Kind::None, 2), 0);
+    let (first, _) = render(&small(Manoeuvre::None, 1), 0);
+    let (second, _) = render(&small(Manoeuvre::None, 2), 0);
     assert_ne!(first.pixels, second.pixels);
     // Any frame can be rendered alone.
-    let mut simulator = Simulator::new(&small(Kind::Hover, 1));
+    let mut simulator = Simulator::new(&small(Manoeuvre::Hover, 1));
     let mut frame = Frame::default();
     simulator.render(0, &mut frame);
     let truth = simulator.render(9, &mut frame);
-    assert_eq!((frame, truth), render(&small(Kind::Hover, 1), 9));
+    assert_eq!((frame, truth), render(&small(Manoeuvre::Hover, 1), 9));
 }
 
 /// The flight without the target differs exactly where the target is.
 #[test]
 fn boxes_are_tight() {
     let mut boxes = 0;
-    for kind in [Kind::Crossing, Kind::Hover, Kind::Collision, Kind::Receding] {
+    for kind in [Manoeuvre::Crossing, Manoeuvre::Hover, Manoeuvre::Collision, Manoeuvre::Receding] {
         for seed in [0, 2] {
             let index = seed * 60;
             let mut simulator = Simulator::new(&small(kind, seed));
@@ -98,7 +104,7 @@ fn boxes_are_tight() {
 
 #[test]
 fn the_frame_edge_cuts_boxes() {
-    let mut simulator = Simulator::new(&small(Kind::Hover, 1));
+    let mut simulator = Simulator::new(&small(Manoeuvre::Hover, 1));
     let mut cut = 0;
     for step in 0..80 {
         let target = simulator.target.as_mut().unwrap();
@@ -117,7 +123,12 @@ fn the_frame_edge_cuts_boxes() {
 /// Bearing and attitude of `truth.csv` lead to the box, by the formula in the data's README.
 #[test]
 fn truth_leads_to_the_box() {
-    for (seed, kind) in (0..).zip([Kind::Crossing, Kind::Hover, Kind::Collision, Kind::Receding]) {
+    for (seed, kind) in (0..).zip([
+        Manoeuvre::Crossing,
+        Manoeuvre::Hover,
+        Manoeuvre::Collision,
+        Manoeuvre::Receding,
+    ]) {
         let (_, truth) = render(&small(kind, seed), 70);
         let target = truth.target.unwrap();
         let (sin, cos) = target.elevation.sin_cos();
@@ -138,7 +149,7 @@ fn truth_leads_to_the_box() {
 fn arguments(out: &Path) -> SimulateArgs {
     let settings =
         SimulateSettings { seconds: 0.1, width: 96, height: 64, ..SimulateSettings::default() };
-    SimulateArgs { out: out.into(), settings, render: RenderArgs::default() }
+    SimulateArgs { out: out.into(), settings, render: RenderedFlightArgs::default() }
 }
 
 #[test]
@@ -176,7 +187,7 @@ fn files_have_the_form_of_the_recorded_flights() {
 fn flights_without_a_target_have_no_boxes() {
     let folder = tempfile::tempdir().unwrap();
     let mut arguments = arguments(folder.path());
-    arguments.settings.kind = Kind::None;
+    arguments.settings.kind = Manoeuvre::None;
     run(&arguments).unwrap();
     assert_eq!(fs::read_to_string(folder.path().join("gt.txt")).unwrap(), "");
     let table = fs::read_to_string(folder.path().join("truth.csv")).unwrap();
@@ -211,7 +222,7 @@ fn the_command_line_has_the_defaults_of_the_library() {
     assert_eq!(found.settings, SimulateSettings::default());
     assert_eq!(found.settings.frames(), 150);
     let found = parse("--out f --kind none --seed 9 --seconds 0.5 --fps 10").unwrap();
-    assert_eq!((found.settings.kind, found.settings.frames()), (Kind::None, 5));
+    assert_eq!((found.settings.kind, found.settings.frames()), (Manoeuvre::None, 5));
     for bad in
         ["--seconds abc", "--seconds=-1", "--seconds nan", "--width 0", "--kind up", "--fps 0"]
     {
@@ -252,15 +263,15 @@ fn rendered_flights_are_clips() {
     let wing = "v 1 0 0\nv -1 1 0\nv -1 -1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
     fs::write(shapes.path().join("wing.obj"), wing).unwrap();
     let write = |name: &str, empty: bool| {
-        let settings = SimulateSettings { seconds: 0.2, ..small(Kind::Collision, 3) };
-        let render = RenderArgs {
+        let settings = SimulateSettings { seconds: 0.2, ..small(Manoeuvre::Collision, 3) };
+        let render = RenderedFlightArgs {
             backgrounds: Some(backgrounds.path().into()),
             shapes: Some(shapes.path().into()),
             flights: 3,
             empty,
             png: true,
             sheet: Some(out.path().join(name.to_string() + ".png")),
-            ..RenderArgs::default()
+            ..RenderedFlightArgs::default()
         };
         run(&SimulateArgs { out: out.path().join(name), settings, render }).unwrap();
         clips(&out.path().join(name)).unwrap()
@@ -298,12 +309,12 @@ fn rendered_flights_are_clips() {
 fn mistakes_of_rendered_flights_are_named() {
     let (backgrounds, out) = (backgrounds(), tempfile::tempdir().unwrap());
     let attempt = |change: &dyn Fn(&mut SimulateArgs)| {
-        let settings = SimulateSettings { seconds: 0.1, ..small(Kind::Collision, 3) };
-        let render = RenderArgs {
+        let settings = SimulateSettings { seconds: 0.1, ..small(Manoeuvre::Collision, 3) };
+        let render = RenderedFlightArgs {
             backgrounds: Some(backgrounds.path().into()),
             flights: 1,
             png: true,
-            ..RenderArgs::default()
+            ..RenderedFlightArgs::default()
         };
         let folder = tempfile::tempdir_in(&out).unwrap();
         let mut args = SimulateArgs { out: folder.path().into(), settings, render };

@@ -3,8 +3,8 @@
 use super::files::{
     FlightFile, Lines, SimulateError, TRUTH_HEADER, failed, png, progress_bar, write,
 };
-use super::rendered::{self, RenderArgs};
-use super::{START_US, SimulateSettings, Simulator, Telemetry, Truth};
+use super::rendered::{self, RenderedFlightArgs};
+use super::{FlightTelemetry, START_US, SimulateSettings, SimulatedTruth, Simulator};
 use crate::shell::formats::tlog;
 use crate::shell::sources::Frame;
 use std::format;
@@ -26,7 +26,7 @@ pub struct SimulateArgs {
     pub settings: SimulateSettings,
     /// Flights over photographs
     #[command(flatten)]
-    pub render: RenderArgs,
+    pub render: RenderedFlightArgs,
 }
 
 /// Renders the flight and writes it frame by frame; after an error the frames before it are complete.
@@ -77,7 +77,7 @@ fn camera_file(simulator: &Simulator) -> String {
 /// The bytes of `flight.tlog`; its first message comes with the first frame.
 fn telemetry(settings: &SimulateSettings) -> Vec<u8> {
     let mut log = Vec::new();
-    for (time_us, frame) in Telemetry::of(settings) {
+    for (time_us, frame) in FlightTelemetry::of(settings) {
         let time_us = START_US.saturating_add(time_us);
         tlog::write(&mut log, time_us, frame.raw_bytes())
             .expect("memory takes every frame the simulator makes");
@@ -86,15 +86,15 @@ fn telemetry(settings: &SimulateSettings) -> Vec<u8> {
 }
 
 /// The line of `gt.txt`; empty when nothing is seen.
-fn box_line(frame: u64, truth: &Truth) -> String {
+fn box_line(frame: u64, truth: &SimulatedTruth) -> String {
     let seen = truth.target.and_then(|target| target.seen);
     seen.map_or_else(String::new, |seen| seen.line(frame))
 }
 
 /// The line of `truth.csv`.
-fn truth_line(frame: u64, fps: u32, truth: &Truth) -> String {
+fn truth_line(frame: u64, fps: u32, truth: &SimulatedTruth) -> String {
     let time = (frame - 1) as f64 / f64::from(fps);
-    let Truth { yaw, pitch, roll, .. } = truth;
+    let SimulatedTruth { yaw, pitch, roll, .. } = truth;
     let camera = format!("{frame},{time:.4},{yaw:.6},{pitch:.6},{roll:.6}");
     truth.target.map_or_else(
         || format!("{camera},,,,,\n"),

@@ -5,7 +5,7 @@
 
 /// Which rows are the earlier field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Field {
+pub enum FieldOrder {
     /// Rows 0, 2, 4...
     Top,
     /// Rows 1, 3, 5...
@@ -14,11 +14,11 @@ pub enum Field {
 
 /// Replaces the rows of the later field by the mean (rounded up) of the rows above and below; at the edge by the one
 /// neighbour. `pixels` are rows of `width` without padding.
-pub fn keep_earlier(pixels: &mut [u8], width: usize, earlier: Field) {
+pub fn keep_earlier(pixels: &mut [u8], width: usize, earlier: FieldOrder) {
     let rows = pixels.len() / width.max(1);
     let first = match earlier {
-        Field::Top => 1,
-        Field::Bottom => 0,
+        FieldOrder::Top => 1,
+        FieldOrder::Bottom => 0,
     };
     for y in (first..rows).step_by(2) {
         let (before, rest) = pixels.split_at_mut(y * width);
@@ -48,7 +48,7 @@ mod tests {
         fn rows_of_the_earlier_field_stay(pixels in prop::collection::vec(any::<u8>(), 3..60), bottom: bool) {
             let pixels = &pixels[..pixels.len() / 3 * 3];
             let rows = pixels.len() / 3;
-            let (earlier, kept) = if bottom { (Field::Bottom, 1) } else { (Field::Top, 0) };
+            let (earlier, kept) = if bottom { (FieldOrder::Bottom, 1) } else { (FieldOrder::Top, 0) };
             let mut out = pixels.to_vec();
             keep_earlier(&mut out, 3, earlier);
             for y in 0..rows {

@@ -25,14 +25,14 @@ const MOST_BYTES: usize = 1 << 28;
 
 /// Forms of pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Form {
+enum PictureEncoding {
     Image,
     Compressed,
     Foxglove,
 }
 
 /// The pictures of a topic.
-pub struct Mcap {
+pub struct McapSource {
     path: PathBuf,
     messages: Box<MessageReader<BufReader<File>>>,
     /// The topic; none before its first picture where the user names none.
@@ -53,7 +53,7 @@ pub fn parts(path: &Path) -> Option<(PathBuf, Option<String>)> {
     Some((format!("{file}.mcap").into(), Some(topic.into())))
 }
 
-impl Mcap {
+impl McapSource {
     /// Opens a file.
     ///
     /// # Errors
@@ -80,7 +80,7 @@ impl Mcap {
     }
 
     /// Whether a message is a picture of the topic.
-    fn is_wanted(&mut self, message: &Message<'_>) -> Option<Form> {
+    fn is_wanted(&mut self, message: &Message<'_>) -> Option<PictureEncoding> {
         let form = form(message)?;
         let topic = &message.channel.topic;
         let wanted = self.topic.get_or_insert_with(|| topic.clone());
@@ -97,7 +97,7 @@ impl Mcap {
     }
 }
 
-impl FrameSource for Mcap {
+impl FrameSource for McapSource {
     fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
         loop {
             let Some(message) = self.messages.next() else {
@@ -137,35 +137,35 @@ impl FrameSource for Mcap {
 }
 
 /// The form of a message; none where it is no picture.
-fn form(message: &Message<'_>) -> Option<Form> {
+fn form(message: &Message<'_>) -> Option<PictureEncoding> {
     let schema = message.channel.schema.as_deref()?;
     match (message.channel.message_encoding.as_str(), schema.name.as_str()) {
-        ("cdr", "sensor_msgs/msg/Image") => Some(Form::Image),
-        ("cdr", "sensor_msgs/msg/CompressedImage") => Some(Form::Compressed),
-        ("json", "foxglove.CompressedImage") => Some(Form::Foxglove),
+        ("cdr", "sensor_msgs/msg/Image") => Some(PictureEncoding::Image),
+        ("cdr", "sensor_msgs/msg/CompressedImage") => Some(PictureEncoding::Compressed),
+        ("json", "foxglove.CompressedImage") => Some(PictureEncoding::Foxglove),
         _ => None,
     }
 }
 
 /// Time in nanoseconds and the grey picture of a message.
-fn picture(form: Form, data: &[u8]) -> Result<(i64, GrayImage), String> {
+fn picture(form: PictureEncoding, data: &[u8]) -> Result<(i64, GrayImage), String> {
     const CUT: &str = "a message that is cut off, or none of its schema";
     let decode = |bytes: &[u8]| image::load_from_memory(bytes).map_err(|e| e.to_string());
     match form {
-        Form::Foxglove => {
+        PictureEncoding::Foxglove => {
             let found: Foxglove = serde_json::from_slice(data).map_err(|e| e.to_string())?;
             let bytes = STANDARD.decode(found.data).map_err(|e| e.to_string())?;
             let Stamp { sec, nsec } = found.timestamp;
             let time = i64::from(sec) * 1_000_000_000 + i64::from(nsec);
             Ok((time, decode(&bytes)?.into_luma8()))
         }
-        Form::Compressed => {
+        PictureEncoding::Compressed => {
             let mut cdr = Cdr::new(data).ok_or(CUT)?;
             let time = cdr.header().ok_or(CUT)?;
             cdr.text().ok_or(CUT)?;
             Ok((time, decode(cdr.bytes().ok_or(CUT)?)?.into_luma8()))
         }
-        Form::Image => {
+        PictureEncoding::Image => {
             let mut cdr = Cdr::new(data).ok_or(CUT)?;
             let time = cdr.header().ok_or(CUT)?;
             let mut raw = || {

@@ -17,7 +17,7 @@ pub mod y4m;
 pub use folder::Folder;
 pub(crate) use folder::is_picture;
 use std::fs;
-pub use video::{Video, passthrough};
+pub use video::{VideoSource, passthrough};
 pub use y4m::Y4m;
 pub(crate) use y4m::expand;
 
@@ -99,7 +99,7 @@ pub fn open_at(path: &Path, rate: Option<u32>) -> Result<Box<dyn FrameSource>, S
     }
     #[cfg(feature = "mcap")]
     if let Some((file, topic)) = mcap::parts(path) {
-        return Ok(Box::new(mcap::Mcap::open(&file, topic)?));
+        return Ok(Box::new(mcap::McapSource::open(&file, topic)?));
     }
     #[cfg(not(feature = "mcap"))]
     if has_extension(path, &["mcap"]) {
@@ -151,7 +151,7 @@ fn open_file(path: &Path) -> Result<Box<dyn FrameSource>, SourceError> {
     if has_extension(path, &["y4m"]) {
         Ok(Box::new(Y4m::open(path)?))
     } else {
-        Ok(Box::new(Video::open(path)?))
+        Ok(Box::new(VideoSource::open(path)?))
     }
 }
 

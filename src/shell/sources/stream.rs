@@ -83,9 +83,9 @@ fn said(last: &str) -> String {
     if last.is_empty() { String::new() } else { format!("; it said: {last}") }
 }
 
-/// Between the reading thread and [`Stream::next`].
+/// Between the reading thread and [`ProgramStream::next`].
 #[derive(Debug, Default)]
-struct Slot {
+struct FrameSlot {
     newest: Option<Frame>,
     /// Memory for the next frame.
     spare: Frame,
@@ -96,30 +96,30 @@ struct Slot {
 }
 
 #[derive(Debug, Default)]
-struct Shared {
-    slot: Mutex<Slot>,
+struct StreamShared {
+    slot: Mutex<FrameSlot>,
     changed: Condvar,
     last_line: Mutex<String>,
 }
 
 /// A running program that writes frames. Dropped, its process group ends.
 #[derive(Debug)]
-pub struct Stream {
+pub struct ProgramStream {
     settings: StreamSettings,
     process: Process,
-    shared: Arc<Shared>,
+    shared: Arc<StreamShared>,
     /// When the program was started or the last frame taken.
     since: Instant,
     any: bool,
 }
 
-impl Stream {
+impl ProgramStream {
     /// Starts the program.
     ///
     /// # Errors
     /// [`StreamError::Start`].
     pub fn start(settings: StreamSettings) -> Result<Self, StreamError> {
-        let shared = Arc::<Shared>::default();
+        let shared = Arc::<StreamShared>::default();
         let program = program(&settings);
         let log = logger(program.clone(), settings.secret.clone(), shared.clone());
         let (process, stdout) = Process::start(&settings.command, log)
@@ -144,7 +144,7 @@ impl Stream {
     /// [`StreamError::Timeout`]: call again. Every other one: drop the stream and start it again later.
     pub fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<u32, StreamError> {
         let slot = self.shared.slot.lock().unwrap_or_else(PoisonError::into_inner);
-        let waiting = |slot: &mut Slot| slot.newest.is_none() && slot.ended.is_none();
+        let waiting = |slot: &mut FrameSlot| slot.newest.is_none() && slot.ended.is_none();
         let waited = self.shared.changed.wait_timeout_while(slot, timeout, waiting);
         let mut slot = waited.unwrap_or_else(PoisonError::into_inner).0;
         if let Some(mut newest) = slot.newest.take() {
@@ -190,7 +190,11 @@ fn words(reason: Option<String>, status: Result<ExitStatus, String>) -> String {
 }
 
 /// Reads frames to the end of the stream.
-fn read(frames: Result<Y4m<BufReader<ChildStdout>>, SourceError>, latency_us: i64, to: &Shared) {
+fn read(
+    frames: Result<Y4m<BufReader<ChildStdout>>, SourceError>,
+    latency_us: i64,
+    to: &StreamShared,
+) {
     let mut next = Frame::default();
     let ended = frames.and_then(|mut frames| {
         while frames.next_frame(&mut next)? {
@@ -217,7 +221,7 @@ fn read(frames: Result<Y4m<BufReader<ChildStdout>>, SourceError>, latency_us: i6
 fn logger(
     program: String,
     secret: Option<String>,
-    shared: Arc<Shared>,
+    shared: Arc<StreamShared>,
 ) -> Box<dyn FnMut(&str) + Send> {
     let (mut begun, mut lines) = (Instant::now(), 0);
     Box::new(move |line: &str| {
@@ -259,7 +263,7 @@ mod tests {
     fn the_newest_frame_wins_and_its_age_holds_the_latency() {
         let script = "printf 'YUV4MPEG2 W2 H1 F30:1 Cmono\\nFRAME\\nab'; sleep 0.2; \
                       printf 'FRAME\\ncdFRAME\\nef'; sleep 100";
-        let mut stream = Stream::start(settings(script)).unwrap();
+        let mut stream = ProgramStream::start(settings(script)).unwrap();
         let mut frame = Frame::default();
         assert_eq!(stream.next(&mut frame, PATIENCE).unwrap(), 0);
         assert_eq!((frame.pixels.as_slice(), frame.width, frame.height), (&b"ab"[..], 2, 1));
@@ -295,7 +299,7 @@ mod tests {
             ("printf 'YUV4MPEG2 W2 H1 F30:1 Cmono\\nFRAME\\na'", "cut off inside frame 1"),
             ("echo hello", "does not begin with YUV4MPEG2"),
         ] {
-            let mut stream = Stream::start(settings(script)).unwrap();
+            let mut stream = ProgramStream::start(settings(script)).unwrap();
             let error = loop {
                 if let Err(error) = stream.next(&mut frame, PATIENCE) {
                     break error.to_string();
@@ -304,7 +308,7 @@ mod tests {
             assert!(error.contains(wanted) && !error.contains("pass"), "{script}: {error}");
         }
         let command = ["no-such-program"].map(OsString::from).into();
-        let error = Stream::start(StreamSettings { command, ..settings("") }).unwrap_err();
+        let error = ProgramStream::start(StreamSettings { command, ..settings("") }).unwrap_err();
         assert!(error.to_string().starts_with("no-such-program cannot be started: no program"));
     }
 }

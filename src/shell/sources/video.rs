@@ -27,7 +27,7 @@ const FILTERS: &str = "format=gray,settb=1/1000000000,metadata=add:key=t:value=0
 
 /// A video decoded by an `ffmpeg` process to full-range grey; the process is ended with the source.
 #[derive(Debug)]
-pub struct Video {
+pub struct VideoSource {
     path: PathBuf,
     process: Process,
     frames: Y4m<BufReader<ChildStdout>>,
@@ -49,7 +49,7 @@ struct Heard {
     cut: Option<String>,
 }
 
-impl Video {
+impl VideoSource {
     /// Starts `ffmpeg` on `path` (a file, or an address that `ffmpeg` understands).
     ///
     /// # Errors
@@ -127,7 +127,7 @@ impl Video {
     }
 }
 
-impl FrameSource for Video {
+impl FrameSource for VideoSource {
     fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
         match self.frames.next_frame(frame) {
             Ok(true) => {
@@ -182,11 +182,11 @@ fn is_modern(version: &str) -> bool {
 /// Parses lines of `ffmpeg`'s log: times of frames into the channel, messages to `heard`.
 fn listener(heard: Arc<Mutex<Heard>>, times: Sender<Option<i64>>) -> Box<dyn FnMut(&str) + Send> {
     Box::new(move |line: &str| match parse(line) {
-        Line::Time(time) => {
+        LogLine::Time(time) => {
             // Nobody waits for it any more when the source was dropped.
             let _ = times.send(time);
         }
-        Line::Complaint(text) => {
+        LogLine::Complaint(text) => {
             let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
             heard.complaints += 1;
             heard.last = Some(text.to_owned());
@@ -198,13 +198,13 @@ fn listener(heard: Arc<Mutex<Heard>>, times: Sender<Option<i64>>) -> Box<dyn FnM
                 heard.cut = Some(text.to_owned());
             }
         }
-        Line::Other => {}
+        LogLine::Other => {}
     })
 }
 
 /// A line of the log.
 #[derive(Debug, PartialEq, Eq)]
-enum Line<'a> {
+enum LogLine<'a> {
     /// The time of the next frame in nanoseconds, if it has one.
     Time(Option<i64>),
     Complaint(&'a str),
@@ -212,16 +212,16 @@ enum Line<'a> {
 }
 
 /// Parses `[CONTEXT @ ADDRESS] [LEVEL] TEXT`, context and address being optional.
-fn parse(line: &str) -> Line<'_> {
+fn parse(line: &str) -> LogLine<'_> {
     for level in ["[error] ", "[fatal] ", "[panic] "] {
         if let Some((_, text)) = line.split_once(level) {
-            return Line::Complaint(text.trim());
+            return LogLine::Complaint(text.trim());
         }
     }
-    let Some(("", rest)) = line.split_once("[Parsed_metadata_") else { return Line::Other };
-    let Some((_, fields)) = rest.split_once("] frame:") else { return Line::Other };
-    let Some((_, time)) = fields.split_once("pts:") else { return Line::Other };
-    Line::Time(time.split_whitespace().next().and_then(|time| time.parse().ok()))
+    let Some(("", rest)) = line.split_once("[Parsed_metadata_") else { return LogLine::Other };
+    let Some((_, fields)) = rest.split_once("] frame:") else { return LogLine::Other };
+    let Some((_, time)) = fields.split_once("pts:") else { return LogLine::Other };
+    LogLine::Time(time.split_whitespace().next().and_then(|time| time.parse().ok()))
 }
 
 /// Waits for the process after its last frame; `None` when it came to the end of the file.
@@ -278,7 +278,7 @@ mod tests {
         if !test_video(&path) {
             return;
         }
-        let mut source = Video::open(&path).unwrap();
+        let mut source = VideoSource::open(&path).unwrap();
         let mut frame = Frame::default();
         for number in 0..20 {
             assert!(source.next_frame(&mut frame).unwrap());
@@ -288,7 +288,7 @@ mod tests {
         assert!(!source.next_frame(&mut frame).unwrap());
         assert!(!source.next_frame(&mut frame).unwrap());
         // Dropped before its end: must not wait for the rest.
-        let mut source = Video::open(&path).unwrap();
+        let mut source = VideoSource::open(&path).unwrap();
         assert!(source.next_frame(&mut frame).unwrap());
     }
 
@@ -314,7 +314,7 @@ mod tests {
         if !encoded(made) {
             return;
         }
-        let mut source = Video::open(&path).unwrap();
+        let mut source = VideoSource::open(&path).unwrap();
         let mut frame = Frame::default();
         let mut times = Vec::new();
         while source.next_frame(&mut frame).unwrap() {
@@ -352,7 +352,7 @@ mod tests {
         if !encoded(made) {
             return;
         }
-        let mut source = Video::open(&path).unwrap();
+        let mut source = VideoSource::open(&path).unwrap();
         let mut frame = Frame::default();
         let mut count = 0;
         while source.next_frame(&mut frame).unwrap() {
@@ -391,7 +391,7 @@ mod tests {
         let left = start(1).filter(|&i| i > start(5).nth(1).unwrap()).count() + 2;
         assert_eq!(start(5).count(), 3);
         fs::write(&path, &bytes[cut..]).unwrap();
-        let mut source = Video::open(&path).unwrap();
+        let mut source = VideoSource::open(&path).unwrap();
         let mut frame = Frame::default();
         let mut count = 0;
         while source.next_frame(&mut frame).unwrap() {
@@ -406,21 +406,21 @@ mod tests {
         for (line, wanted) in [
             (
                 "[Parsed_metadata_3 @ 0x5561d8a87a00] [info] frame:12   pts:400000000 pts_time:0.4",
-                Line::Time(Some(400_000_000)),
+                LogLine::Time(Some(400_000_000)),
             ),
             (
                 "[Parsed_metadata_3 @ 0x1] [info] frame:0    pts:NOPTS   pts_time:NOPTS",
-                Line::Time(None),
+                LogLine::Time(None),
             ),
-            ("[Parsed_metadata_3 @ 0x1] [info] t=0", Line::Other),
+            ("[Parsed_metadata_3 @ 0x1] [info] t=0", LogLine::Other),
             (
                 "[h264 @ 0x5] [error] non-existing PPS 0 referenced",
-                Line::Complaint("non-existing PPS 0 referenced"),
+                LogLine::Complaint("non-existing PPS 0 referenced"),
             ),
-            ("[error] Conversion failed!", Line::Complaint("Conversion failed!")),
-            ("[info] Stream mapping:", Line::Other),
-            ("[info] title : [Parsed_metadata_3 @ 1] frame:1 pts:5", Line::Other),
-            ("", Line::Other),
+            ("[error] Conversion failed!", LogLine::Complaint("Conversion failed!")),
+            ("[info] Stream mapping:", LogLine::Other),
+            ("[info] title : [Parsed_metadata_3 @ 1] frame:1 pts:5", LogLine::Other),
+            ("", LogLine::Other),
         ] {
             assert_eq!(parse(line), wanted, "{line}");
         }
@@ -450,7 +450,7 @@ mod tests {
         }
         let bytes = fs::read(&path).unwrap();
         fs::write(&path, &bytes[..bytes.len() * 3 / 4]).unwrap();
-        let mut source = Video::open(&path).unwrap();
+        let mut source = VideoSource::open(&path).unwrap();
         let mut frame = Frame::default();
         let mut frames = 0;
         let error = loop {
@@ -471,7 +471,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("letter.mp4");
         fs::write(&path, "Dear reader").unwrap();
-        match Video::open(&path).unwrap_err() {
+        match VideoSource::open(&path).unwrap_err() {
             SourceError::Ffmpeg { frames: 0, message, .. } => assert!(!message.is_empty()),
             SourceError::FfmpegMissing { .. } => eprintln!("skipped: ffmpeg is not installed"),
             other => panic!("{other}"),
@@ -480,7 +480,7 @@ mod tests {
 
     #[test]
     fn a_missing_ffmpeg_is_explained() {
-        let error = Video::open_with(Path::new("a.mp4"), OsStr::new("/nowhere/ffmpeg"))
+        let error = VideoSource::open_with(Path::new("a.mp4"), OsStr::new("/nowhere/ffmpeg"))
             .unwrap_err()
             .to_string();
         assert!(error.contains("apt install ffmpeg"), "{error}");

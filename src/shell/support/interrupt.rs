@@ -34,7 +34,7 @@ pub fn watch() -> Result<(), InterruptError> {
 
 /// Orders to a service.
 #[derive(Debug, Clone, Default)]
-pub struct Control {
+pub struct ServiceOrders {
     /// Set by the first signal.
     pub stop: Arc<AtomicBool>,
     /// To read the settings again.
@@ -46,10 +46,10 @@ pub struct Control {
 ///
 /// # Errors
 /// [`InterruptError`] when the system refuses.
-pub fn watch_service() -> Result<Control, InterruptError> {
+pub fn watch_service() -> Result<ServiceOrders, InterruptError> {
     end_by(&[SIGINT])?;
     flag::register(SIGTERM, REQUESTED.clone()).map_err(refused)?;
-    let control = Control { stop: REQUESTED.clone(), ..Control::default() };
+    let control = ServiceOrders { stop: REQUESTED.clone(), ..ServiceOrders::default() };
     #[cfg(unix)]
     flag::register(signal_hook::consts::SIGHUP, control.reload.clone()).map_err(refused)?;
     Ok(control)

@@ -22,7 +22,7 @@ struct Pending {
 }
 
 #[derive(Debug, Default)]
-struct Shared {
+struct KeeperShared {
     pending: Mutex<Pending>,
     changed: Condvar,
     kept: AtomicU64,
@@ -32,7 +32,7 @@ struct Shared {
 /// A file that a thread of its own writes, whole at any time.
 #[derive(Debug)]
 pub struct Keeper {
-    shared: Arc<Shared>,
+    shared: Arc<KeeperShared>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -42,7 +42,7 @@ impl Keeper {
     /// # Errors
     /// The system's, where there is no thread.
     pub fn start(path: &Path) -> io::Result<Self> {
-        let shared = Arc::<Shared>::default();
+        let shared = Arc::<KeeperShared>::default();
         let work = {
             let (shared, path) = (shared.clone(), path.to_path_buf());
             move || shared.write(&path)
@@ -70,7 +70,7 @@ impl Keeper {
     }
 }
 
-impl Shared {
+impl KeeperShared {
     fn write(&self, path: &Path) {
         let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
         loop {

@@ -1,7 +1,7 @@
 //! Numbers that are the same on every processor: only IEEE-exact operations, nothing of a libm.
 
 /// A vector; x right, y down, z forward.
-pub type Vector = [f64; 3];
+pub type WorldVector = [f64; 3];
 
 const FRAC_PI_2: f64 = core::f64::consts::FRAC_PI_2;
 
@@ -58,17 +58,17 @@ pub fn atan2(y: f64, x: f64) -> f64 {
 }
 
 /// Dot product.
-pub fn dot(a: Vector, b: Vector) -> f64 {
+pub fn dot(a: WorldVector, b: WorldVector) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// `a + b * scale`.
-pub fn add(a: Vector, b: Vector, scale: f64) -> Vector {
+pub fn add(a: WorldVector, b: WorldVector, scale: f64) -> WorldVector {
     [a[0] + b[0] * scale, a[1] + b[1] * scale, a[2] + b[2] * scale]
 }
 
 /// The direction with this azimuth (right) and elevation (down), radians.
-pub fn direction(azimuth: f64, elevation: f64) -> Vector {
+pub fn direction(azimuth: f64, elevation: f64) -> WorldVector {
     let (sa, ca) = sin_cos(azimuth);
     let (se, ce) = sin_cos(elevation);
     [sa * ce, se, ca * ce]
@@ -76,7 +76,7 @@ pub fn direction(azimuth: f64, elevation: f64) -> Vector {
 
 /// A rotation matrix, row by row.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rotation([Vector; 3]);
+pub struct Rotation([WorldVector; 3]);
 
 impl Rotation {
     /// `Ry(yaw) Rx(pitch) Rz(roll)`: from the turned frame to the world, radians.
@@ -92,12 +92,12 @@ impl Rotation {
     }
 
     /// The vector rotated.
-    pub fn apply(&self, v: Vector) -> Vector {
+    pub fn apply(&self, v: WorldVector) -> WorldVector {
         [dot(self.0[0], v), dot(self.0[1], v), dot(self.0[2], v)]
     }
 
     /// Turns a vector back.
-    pub fn invert(&self, v: Vector) -> Vector {
+    pub fn invert(&self, v: WorldVector) -> WorldVector {
         let column = |i: usize| [self.0[0][i], self.0[1][i], self.0[2][i]];
         [dot(column(0), v), dot(column(1), v), dot(column(2), v)]
     }

@@ -7,10 +7,10 @@
 use super::TrainError;
 use super::boost::{Booster, Data, Loss, Options, TrainedForest};
 use super::cubes;
-use super::file::Parts;
+use super::file::ModelSections;
 use super::growth::grow;
 use super::pool;
-use super::report::Report;
+use super::report::TrainingReport;
 use super::stages::{Pass, Trainer, both};
 use super::windows::balanced;
 use crate::model::{Model, Section};
@@ -28,7 +28,11 @@ impl Trainer<'_> {
     /// # Errors
     /// [`TrainError::NoTrueCandidates`] and [`TrainError::NoFalseCandidates`] where there is nothing to learn from; [`Error`]
     /// of clips that cannot be read.
-    pub fn adapt(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
+    pub fn adapt(
+        &self,
+        parts: &mut ModelSections,
+        report: &mut TrainingReport,
+    ) -> Result<(), Error> {
         let bytes = parts.encode();
         let model = Model::parse(&bytes).map_err(TrainError::Model)?;
         let old = TrainedForest::from(*model.cube());
@@ -84,7 +88,7 @@ impl Trainer<'_> {
 
 /// Puts the classifier and the features that it asks for beyond the model's own into the parts; old features keep their
 /// numbers, for the boxes ask for them too.
-fn put(parts: &mut Parts, model: &Model<'_>, pool: &[Feature], mut forest: TrainedForest) {
+fn put(parts: &mut ModelSections, model: &Model<'_>, pool: &[Feature], mut forest: TrainedForest) {
     let old = model.features().len();
     let mut asked = forest.clone().compact();
     asked.retain(|&id| usize::from(id) >= old);

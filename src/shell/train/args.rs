@@ -2,8 +2,8 @@
 
 use super::TrainError;
 use super::listing;
-use super::rendered::RenderArgs;
-use super::stage::Stage;
+use super::rendered::TrainRenderArgs;
+use super::stage::TrainingStage;
 use crate::channels::history::History;
 use crate::model::Method;
 use crate::shell::error::Error;
@@ -147,7 +147,7 @@ pub struct TrainArgs {
     /// Rendered flights.
     #[command(flatten)]
     #[serde(flatten)]
-    pub rendered: RenderArgs,
+    pub rendered: TrainRenderArgs,
     /// Method to train; the options below change it
     #[arg(long, value_enum, default_value_t)]
     pub method: MethodName,
@@ -191,7 +191,7 @@ impl TrainArgs {
             wanted => {
                 let mut most = self.rendered.render;
                 for (folder, kind) in listing::folders(self) {
-                    if kind != listing::Kind::Rendered {
+                    if kind != listing::FolderRole::Rendered {
                         most = most.max(listing::clips(&folder, kind)?.len());
                     }
                 }
@@ -206,17 +206,19 @@ impl TrainArgs {
     }
 
     /// The stages of training, in their order.
-    pub(super) fn stages(&self, recipe: &Recipe, adapts: bool) -> Vec<Stage> {
+    pub(super) fn stages(&self, recipe: &Recipe, adapts: bool) -> Vec<TrainingStage> {
         if adapts {
-            return Vec::from([Stage::Adaptation]);
+            return Vec::from([TrainingStage::Adaptation]);
         }
         // Without cubes or older slices there is nothing to compensate; without cubes, of their trees only those of the box.
         let mut stages = match (recipe.method.stcube, recipe.method.history) {
-            (true, History::Full) => Vec::from([Stage::Scan, Stage::Compensation, Stage::Cubes]),
-            (true, History::Half) => Vec::from([Stage::Scan, Stage::Cubes]),
-            (false, _) => Vec::from([Stage::Scan, Stage::Boxes]),
+            (true, History::Full) => {
+                Vec::from([TrainingStage::Scan, TrainingStage::Compensation, TrainingStage::Cubes])
+            }
+            (true, History::Half) => Vec::from([TrainingStage::Scan, TrainingStage::Cubes]),
+            (false, _) => Vec::from([TrainingStage::Scan, TrainingStage::Boxes]),
         };
-        stages.extend(recipe.fit.then_some(Stage::Fits));
+        stages.extend(recipe.fit.then_some(TrainingStage::Fits));
         stages
     }
 }

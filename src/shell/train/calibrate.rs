@@ -12,7 +12,7 @@ use super::listing;
 use crate::model::Model;
 use crate::model::calibration::{Knot, MAX_KNOTS, ONE};
 use crate::shell::error::Error;
-use crate::shell::evaluate::matching::{self, Found, Match, WARMUP};
+use crate::shell::evaluate::matching::{self, DetectionRecord, Match, WARMUP};
 use crate::shell::formats::clips::Clip;
 use crate::shell::formats::detections::{self, SCORE_BITS};
 use crate::shell::pipeline::scaled::FrameSize;
@@ -82,7 +82,7 @@ fn count(
     model: &Model<'_>,
 ) -> Result<(u64, Vec<(i32, bool)>), Error> {
     let input = format!("{}", clip.input.display());
-    let mut found: Vec<Found> = Vec::new();
+    let mut found: Vec<DetectionRecord> = Vec::new();
     let mut source = sources::open(&clip.input)?;
     let args = DetectorArgs { frame, ..DetectorArgs::default() };
     pipeline::run::<Error>(&input, source.as_mut(), model, &args, &mut |number, _, detections| {

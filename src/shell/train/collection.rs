@@ -1,8 +1,8 @@
 //! All training clips, and copies of some with objects pasted in.
 
 use super::footage::{Footage, is_held_back, read};
-use super::listing::{self, Kind};
-use super::paste::{self, Run, Scenery};
+use super::listing::{self, FolderRole};
+use super::paste::{self, PastedRun, Scenery};
 use super::patch::difference;
 use super::playback::Playback;
 use super::spool::Spool;
@@ -26,11 +26,11 @@ const INTO_EMPTY: usize = 3;
 /// [`Error`] of the first clip that cannot be read.
 pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Error> {
     let mut footage: Vec<Footage> = Vec::new();
-    let mut library: Vec<Vec<Run>> = Vec::new();
+    let mut library: Vec<Vec<PastedRun>> = Vec::new();
     for (folder, kind) in listing::folders(args) {
         let clips = listing::clips(&folder, kind)?;
         let frames = match kind {
-            Kind::Empty => listing::frames(&clips)?,
+            FolderRole::Empty => listing::frames(&clips)?,
             _ => clips.iter().map(|c| c.ground_truth.last_frame().max(1)).sum(),
         };
         let every = (frames as usize / args.samples.max(1)).max(1);
@@ -62,7 +62,7 @@ pub fn load(args: &TrainArgs, tick: impl Fn() + Sync) -> Result<Vec<Footage>, Er
 /// objects are pasted into them.
 fn pasted(
     footage: &[Footage],
-    library: &[Vec<Run>],
+    library: &[Vec<PastedRun>],
     args: &TrainArgs,
 ) -> Result<Vec<Footage>, Error> {
     if library.is_empty() {

@@ -1,7 +1,7 @@
 //! Patches for φ_h and φ_v, cubes for the classifier and the box regressors.
 
-use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
-use super::visit::View;
+use super::labels::{Offset, Tolerance, TrainingBox, WindowLabel, label, truths};
+use super::visit::SampledView;
 use super::windows;
 use crate::channels::scale_space::Pyramid;
 use crate::channels::window::Position;
@@ -31,7 +31,7 @@ const JITTER: [f64; 3] = [1.0, 0.35, 0.35];
 
 /// A training row: feature values, label, offset of the target, origin.
 #[derive(Debug, Clone)]
-pub struct Row {
+pub struct TrainingRow {
     /// Values of all features of the pool.
     pub values: Vec<u16>,
     /// 1 where the classifier is to see a target, -1 where none, 0 where it learns nothing.
@@ -46,10 +46,10 @@ pub struct Row {
     pub held_back: bool,
 }
 
-impl Row {
+impl TrainingRow {
     /// A row for the box regressors alone: no label for the classifier.
-    pub fn of_offset(view: &View<'_>, values: Vec<u16>, offset: Offset) -> Self {
-        let View { pasted, held_back, .. } = *view;
+    pub fn of_offset(view: &SampledView<'_>, values: Vec<u16>, offset: Offset) -> Self {
+        let SampledView { pasted, held_back, .. } = *view;
         Self { values, label: 0.0, offset: Some(offset), target: 0, pasted, held_back }
     }
 }
@@ -62,15 +62,15 @@ fn around(truth: &Offset, away: (f64, f64)) -> Position {
 
 /// Patches around every target, shifted at random by up to half its longer side, with the values of `pool`.
 pub fn patches(
-    view: &View<'_>,
+    view: &SampledView<'_>,
     pyramid: &Pyramid<'_>,
     pool: &[Feature],
     random: &mut Random,
-) -> Vec<Row> {
+) -> Vec<TrainingRow> {
     let mut rows = Vec::new();
     let mut patch = Patch::EMPTY;
     for truth in truths(&view.boxes) {
-        let Truth::Target(truth) = truth else { continue };
+        let TrainingBox::Target(truth) = truth else { continue };
         for level in pyramid.searched() {
             let from_origin = Offset::of(&truth, Position::default(), &level.level);
             if from_origin.scale().abs() > 0.45 {
@@ -86,7 +86,7 @@ pub fn patches(
                 };
                 let values = pool.iter().map(value).collect();
                 let offset = Offset::of(&truth, position, &level.level);
-                rows.push(Row::of_offset(view, values, offset));
+                rows.push(TrainingRow::of_offset(view, values, offset));
             }
         }
     }
@@ -95,19 +95,19 @@ pub fn patches(
 
 /// The cubes of the scan's candidates and of windows around the targets, with the values of `pool`.
 pub fn cubes(
-    view: &View<'_>,
+    view: &SampledView<'_>,
     pyramid: &Pyramid<'_>,
     model: &Model<'_>,
     config: &Config,
     pool: &[Feature],
     random: &mut Random,
-) -> Vec<Row> {
+) -> Vec<TrainingRow> {
     let truths = truths(&view.boxes);
     let found = windows::candidates(pyramid, model, config);
     let mut candidates: Vec<(Candidate, Position, bool)> =
         found.iter().map(|c| (*c, scan::window(c), true)).collect();
     for truth in &truths {
-        let Truth::Target(truth) = truth else { continue };
+        let TrainingBox::Target(truth) = truth else { continue };
         for level in pyramid.searched() {
             let offset = Offset::of(truth, Position::default(), &level.level);
             if offset.scale().abs() > REACH.scale {
@@ -135,20 +135,20 @@ pub fn cubes(
         let path = classifier.cut(&candidate, position, &mut cube);
         let at = path.positions[0];
         let (class, target) = match label(&truths, at, level, &TOLERANCE) {
-            Label::Positive(target, _) => (1.0, view.number * 16 + target.min(15) as u32),
-            Label::Negative => (-1.0, 0),
-            Label::Ignore => (0.0, 0),
+            WindowLabel::Positive(target, _) => (1.0, view.number * 16 + target.min(15) as u32),
+            WindowLabel::Negative => (-1.0, 0),
+            WindowLabel::Ignore => (0.0, 0),
         };
         let class = if scanned { class } else { 0.0 };
         let offset = match label(&truths, at, level, &REACH) {
-            Label::Positive(_, offset) => Some(offset),
-            Label::Negative | Label::Ignore => None,
+            WindowLabel::Positive(_, offset) => Some(offset),
+            WindowLabel::Negative | WindowLabel::Ignore => None,
         };
         if class == 0.0 && offset.is_none() {
             continue;
         }
         let value = |f: &Feature| f.value(&cube.slices, &cube.newest, &cube.scalars);
-        rows.push(Row {
+        rows.push(TrainingRow {
             values: pool.iter().map(value).collect(),
             label: class,
             offset,

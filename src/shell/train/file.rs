@@ -15,7 +15,7 @@ const NO_TREES: [u8; 12] = [0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
 
 /// The files of a training, in the folder of the model.
 #[derive(Debug)]
-pub struct Files {
+pub struct TrainingFiles {
     out: PathBuf,
     /// The model so far.
     pub partial: PathBuf,
@@ -23,7 +23,7 @@ pub struct Files {
     pub log: PathBuf,
 }
 
-impl Files {
+impl TrainingFiles {
     /// Of the model file `out`.
     pub fn beside(out: &Path) -> Self {
         let partial = out.with_extension("lkm.partial");
@@ -48,12 +48,12 @@ impl Files {
 
 /// The sections of a model under way.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Parts {
+pub struct ModelSections {
     method: Method,
     sections: [Vec<u8>; Section::ALL.len()],
 }
 
-impl Parts {
+impl ModelSections {
     /// No provenance, no features, forests without trees.
     pub fn new(method: Method) -> Self {
         let no_forests = [

@@ -1,8 +1,8 @@
 //! Training rows of the box refinement: boxes around every target with random errors, and the windows stretched to them.
 
-use super::cubes::Row;
-use super::labels::{Offset, Truth, truths};
-use super::visit::View;
+use super::cubes::TrainingRow;
+use super::labels::{Offset, TrainingBox, truths};
+use super::visit::SampledView;
 use crate::boxes::{self, BOX_CELLS, StretchedWindow};
 use crate::channels::scale_space::Pyramid;
 use crate::image::Rect;
@@ -53,19 +53,19 @@ fn offset(truth: &TruthBox, window: &Rect) -> Offset {
 
 /// Boxes around every target, with the values of `pool` in their windows.
 pub fn fits(
-    view: &View<'_>,
+    view: &SampledView<'_>,
     pyramid: &Pyramid<'_>,
     pool: &[Feature],
     random: &mut Random,
-) -> Vec<Row> {
+) -> Vec<TrainingRow> {
     let mut rows = Vec::new();
     let mut stretched = StretchedWindow::EMPTY;
     for truth in &truths(&view.boxes) {
-        let Truth::Target(truth) = truth else { continue };
+        let TrainingBox::Target(truth) = truth else { continue };
         for error in ERRORS {
             let window = boxes::cut(pyramid, &wrong(truth, error, random), &mut stretched);
             let values = pool.iter().map(|feature| stretched.value(feature)).collect();
-            rows.push(Row::of_offset(view, values, offset(truth, &window)));
+            rows.push(TrainingRow::of_offset(view, values, offset(truth, &window)));
         }
     }
     rows

@@ -1,12 +1,12 @@
 //! Training clips: sampled frames, ground truth, pasted objects. Frames stay in their files.
 
 use super::TrainArgs;
-use super::listing::Kind;
-use super::paste::{Anchor, Run, Runs, Turning};
+use super::listing::FolderRole;
+use super::paste::{Anchor, PastedRun, Runs, Turning};
 use super::spool::Spool;
 use crate::channels::front_end::REACH;
 use crate::channels::window::SLICES;
-use crate::registration::{Motion, Registration, buffer_len};
+use crate::registration::{GlobalMotion, Registration, buffer_len};
 use crate::shell::error::Error;
 use crate::shell::formats::clips::{self, TruthBox};
 use crate::shell::pipeline::scaled::{FrameSize, Scaling};
@@ -25,7 +25,7 @@ pub struct Footage {
     /// Number among all clips.
     pub number: usize,
     /// Of which folder it is.
-    pub kind: Kind,
+    pub kind: FolderRole,
     /// Whether it is a copy of another one with objects pasted in.
     pub pasted: bool,
     /// Whether it is kept back to decide when to stop, never trained on.
@@ -83,8 +83,8 @@ pub(super) fn read(
     clip: clips::Clip,
     every: usize,
     args: &TrainArgs,
-    (number, held_back, kind): (usize, bool, Kind),
-) -> Result<(Footage, Vec<Run>), Error> {
+    (number, held_back, kind): (usize, bool, FolderRole),
+) -> Result<(Footage, Vec<PastedRun>), Error> {
     let input = clip.input.display().to_string();
     let mut source = sources::open(&clip.input)?;
     let mut footage = Footage {
@@ -108,7 +108,8 @@ pub(super) fn read(
     let mut runs = Runs::default();
     let turned = Turning::is_known(&clip.directory)?;
     let none = clip.ground_truth.boxes().next().is_none();
-    let pastes = !held_back && kind != Kind::Rendered && (args.paste > 0 || !args.empty.is_empty());
+    let pastes =
+        !held_back && kind != FolderRole::Rendered && (args.paste > 0 || !args.empty.is_empty());
     let (cuts, follows) = (pastes && !turned && !none, pastes && !turned && none);
     let mut motions = Vec::new();
     let mut registration = None;
@@ -143,7 +144,7 @@ pub(super) fn read(
 }
 
 /// The background's motion to the frame before; the identity where one of both is not needed.
-fn follow(registration: &mut Option<Registration<Vec<u8>>>, frame: Option<&Frame>) -> Motion {
+fn follow(registration: &mut Option<Registration<Vec<u8>>>, frame: Option<&Frame>) -> GlobalMotion {
     let registered = frame.and_then(|frame| {
         let Frame { width, height, .. } = *frame;
         if registration.is_none() {
@@ -155,5 +156,5 @@ fn follow(registration: &mut Option<Registration<Vec<u8>>>, frame: Option<&Frame
     if registered.is_none() {
         *registration = None;
     }
-    registered.unwrap_or(Motion::IDENTITY)
+    registered.unwrap_or(GlobalMotion::IDENTITY)
 }

@@ -2,7 +2,7 @@
 
 use super::TrainError;
 use super::boost::{Bagging, Booster, Data, Options, Round, TrainedForest};
-use super::report::Report;
+use super::report::TrainingReport;
 use crate::shell::error::Error;
 use crate::shell::support::interrupt;
 use std::format;
@@ -11,7 +11,7 @@ use std::string::String;
 
 /// Boosts with a progress bar and the log.
 pub(super) fn boost(
-    report: &mut Report,
+    report: &mut TrainingReport,
     name: &str,
     options: Options,
     data: Data<'_>,
@@ -23,7 +23,7 @@ pub(super) fn boost(
 
 /// Boosts with a progress bar and the log.
 pub(super) fn grow(
-    report: &mut Report,
+    report: &mut TrainingReport,
     name: &str,
     rounds: usize,
     booster: Booster<'_>,
@@ -62,7 +62,7 @@ fn held_back(round: &Round) -> String {
 
 /// Grows a random forest with a progress bar and the log.
 pub(super) fn bag(
-    report: &mut Report,
+    report: &mut TrainingReport,
     name: &str,
     bagging: &Bagging,
     data: Data<'_>,

@@ -1,6 +1,6 @@
 //! Labels of windows from the ground truth: positive, negative or ignored.
 
-use crate::channels::scale_space::{Level, TARGET_CELLS};
+use crate::channels::scale_space::{PyramidLevel, TARGET_CELLS};
 use crate::channels::window::Position;
 use crate::image::gradient::CELL;
 use crate::shell::formats::class::Class;
@@ -12,7 +12,7 @@ const SMALLEST: f64 = 7.0;
 
 /// A box of the ground truth, as the trainer uses it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Truth {
+pub enum TrainingBox {
     /// An aircraft to be found.
     Target(TruthBox),
     /// An aircraft too small or not wholly seen: neither way.
@@ -20,11 +20,19 @@ pub enum Truth {
 }
 
 /// The boxes of a frame; birds are left out, they are background.
-pub fn truths(boxes: &[TruthBox]) -> Vec<Truth> {
+pub fn truths(boxes: &[TruthBox]) -> Vec<TrainingBox> {
     boxes
         .iter()
         .filter(|b| b.class != Class::Bird)
-        .map(|b| if b.is_target(SMALLEST) { Truth::Target(*b) } else { Truth::Ignore(*b) })
+        .map(
+            |b| {
+                if b.is_target(SMALLEST) {
+                    TrainingBox::Target(*b)
+                } else {
+                    TrainingBox::Ignore(*b)
+                }
+            },
+        )
         .collect()
 }
 
@@ -44,7 +52,7 @@ pub struct Offset {
 
 impl Offset {
     /// Of `truth` from the window at `position` of `level`.
-    pub fn of(truth: &TruthBox, position: Position, level: &Level) -> Self {
+    pub fn of(truth: &TruthBox, position: Position, level: &PyramidLevel) -> Self {
         let scale = f64::from(level.scale) / 65536.0;
         let (cx, cy) = position.centre(level.scale);
         let cell = CELL as f64 * scale;
@@ -84,7 +92,7 @@ pub struct Tolerance {
 
 /// A window's label.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Label {
+pub enum WindowLabel {
     /// It shows the target of that number among the frame's truths, at that offset.
     Positive(usize, Offset),
     /// Background: no target is near.
@@ -94,22 +102,27 @@ pub enum Label {
 }
 
 /// The label of the window at `position` of `level`.
-pub fn label(truths: &[Truth], position: Position, level: &Level, tolerance: &Tolerance) -> Label {
-    let mut label = Label::Negative;
+pub fn label(
+    truths: &[TrainingBox],
+    position: Position,
+    level: &PyramidLevel,
+    tolerance: &Tolerance,
+) -> WindowLabel {
+    let mut label = WindowLabel::Negative;
     for (number, truth) in truths.iter().enumerate() {
         let (target, truth) = match truth {
-            Truth::Target(truth) => (true, truth),
-            Truth::Ignore(truth) => (false, truth),
+            TrainingBox::Target(truth) => (true, truth),
+            TrainingBox::Ignore(truth) => (false, truth),
         };
         let offset = Offset::of(truth, position, level);
         let (distance, scale) = (offset.distance(), offset.scale().abs());
         if target && distance <= tolerance.distance && scale <= tolerance.scale {
-            return Label::Positive(number, offset);
+            return WindowLabel::Positive(number, offset);
         }
         // A larger target reaches farther, in cells of this level.
         let far = tolerance.far * offset.scale().exp2().max(1.0);
         if distance < far && (scale < tolerance.other_scale || !target) {
-            label = Label::Ignore;
+            label = WindowLabel::Ignore;
         }
     }
     label

@@ -13,7 +13,7 @@ use std::vec::Vec;
 
 /// Role of a folder of clips in training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum FolderRole {
     /// Recorded clips with ground truth.
     Data,
     /// Footage without targets.
@@ -23,13 +23,14 @@ pub enum Kind {
 }
 
 /// All folders: those with ground truth, those without targets, that of the rendered flights.
-pub fn folders(args: &TrainArgs) -> Vec<(PathBuf, Kind)> {
-    let of = |paths: &[PathBuf], kind| -> Vec<(PathBuf, Kind)> {
+pub fn folders(args: &TrainArgs) -> Vec<(PathBuf, FolderRole)> {
+    let of = |paths: &[PathBuf], kind| -> Vec<(PathBuf, FolderRole)> {
         paths.iter().map(|path| (path.clone(), kind)).collect()
     };
-    let mut folders = [of(&args.data, Kind::Data), of(&args.empty, Kind::Empty)].concat();
+    let mut folders =
+        [of(&args.data, FolderRole::Data), of(&args.empty, FolderRole::Empty)].concat();
     if args.rendered.render > 0 {
-        folders.push((args.flights(), Kind::Rendered));
+        folders.push((args.flights(), FolderRole::Rendered));
     }
     folders
 }
@@ -38,10 +39,10 @@ pub fn folders(args: &TrainArgs) -> Vec<(PathBuf, Kind)> {
 ///
 /// # Errors
 /// [`Error`] of a folder without clips, or with one that cannot be used.
-pub fn clips(folder: &Path, kind: Kind) -> Result<Vec<Clip>, Error> {
+pub fn clips(folder: &Path, kind: FolderRole) -> Result<Vec<Clip>, Error> {
     match kind {
-        Kind::Data | Kind::Rendered => Ok(clips::clips(folder)?),
-        Kind::Empty => empty(folder),
+        FolderRole::Data | FolderRole::Rendered => Ok(clips::clips(folder)?),
+        FolderRole::Empty => empty(folder),
     }
 }
 

@@ -43,9 +43,9 @@ use super::support::atomic_file;
 use super::support::interrupt::{self, Ended};
 use crate::model::{Model, Section};
 use boost::TrainedForest;
-use file::{Files, Parts};
-use report::Report;
-use stage::Stage;
+use file::{ModelSections, TrainingFiles};
+use report::TrainingReport;
+use stage::TrainingStage;
 use stages::Trainer;
 use std::path::Path;
 use std::string::{String, ToString};
@@ -73,17 +73,17 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
         );
         return Ok(Ended::Complete);
     }
-    let files = Files::beside(&args.out);
+    let files = TrainingFiles::beside(&args.out);
     let resumed = finished(&files.partial, &settings);
-    let mut report = Report::create(&files.log, resumed.is_some())?;
+    let mut report = TrainingReport::create(&files.log, resumed.is_some())?;
     if let Some(remark) = remark {
         report.note(remark)?;
     }
     let (parts, adapts) = start(&args, &recipe)?;
     let stages = args.stages(&recipe, adapts);
-    let done = |parts: &Parts, stage: Stage| match stage {
+    let done = |parts: &ModelSections, stage: TrainingStage| match stage {
         // The model to adapt has all trees: only a partial model is an adapted one.
-        Stage::Adaptation => resumed.is_some(),
+        TrainingStage::Adaptation => resumed.is_some(),
         _ => stage.forests().iter().all(|&section| parts.has_trees(section)),
     };
     let mut parts = resumed.clone().unwrap_or(parts);
@@ -101,11 +101,15 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
         }
         report.stage(&stages, number)?;
         match stage {
-            Stage::Scan => trainer.scan(&mut parts, &mut report, &files.windows(&settings))?,
-            Stage::Compensation => trainer.regressors(&mut parts, &mut report)?,
-            Stage::Cubes | Stage::Boxes => trainer.cubes(&mut parts, &mut report)?,
-            Stage::Fits => trainer.fits(&mut parts, &mut report)?,
-            Stage::Adaptation => trainer.adapt(&mut parts, &mut report)?,
+            TrainingStage::Scan => {
+                trainer.scan(&mut parts, &mut report, &files.windows(&settings))?
+            }
+            TrainingStage::Compensation => trainer.regressors(&mut parts, &mut report)?,
+            TrainingStage::Cubes | TrainingStage::Boxes => {
+                trainer.cubes(&mut parts, &mut report)?
+            }
+            TrainingStage::Fits => trainer.fits(&mut parts, &mut report)?,
+            TrainingStage::Adaptation => trainer.adapt(&mut parts, &mut report)?,
         }
         if interrupt::requested() {
             return Ok(Ended::Interrupted);
@@ -128,12 +132,12 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
 }
 
 /// The sections of the model before the first stage, and whether it is a model to adapt.
-fn start(args: &TrainArgs, recipe: &Recipe) -> Result<(Parts, bool), Error> {
-    let mut parts = Parts::new(recipe.method);
+fn start(args: &TrainArgs, recipe: &Recipe) -> Result<(ModelSections, bool), Error> {
+    let mut parts = ModelSections::new(recipe.method);
     let Some(path) = &args.from else { return Ok((parts, false)) };
     let file = ModelFile::load(Some(path))?;
     let model = file.parse()?;
-    let whole = Parts::of(&model);
+    let whole = ModelSections::of(&model);
     if args.method == MethodName::Ours
         && model.method() == recipe.method
         && whole.has_trees(Section::Cube)
@@ -155,7 +159,7 @@ fn start(args: &TrainArgs, recipe: &Recipe) -> Result<(Parts, bool), Error> {
 
 /// Puts in the table of precisions; gives it in words, none after Ctrl-C.
 fn calibrate(
-    parts: &mut Parts,
+    parts: &mut ModelSections,
     args: &TrainArgs,
     hold_back: usize,
 ) -> Result<Option<String>, Error> {
@@ -172,7 +176,7 @@ fn calibrate(
 fn recalibrate(args: &TrainArgs, path: &Path) -> Result<Ended, Error> {
     let file = ModelFile::load(Some(path))?;
     let model = file.parse()?;
-    let mut parts = Parts::of(&model);
+    let mut parts = ModelSections::of(&model);
     let provenance: serde_json::Value =
         serde_json::from_str(model.provenance()).unwrap_or_default();
     let hold_back = provenance["hold_back"].as_u64().map_or(args.hold_back, |n| n as usize);
@@ -195,10 +199,10 @@ fn recalibrate(args: &TrainArgs, path: &Path) -> Result<Ended, Error> {
 }
 
 /// The model at `path`, if it was trained with these settings.
-fn finished(path: &Path, settings: &str) -> Option<Parts> {
+fn finished(path: &Path, settings: &str) -> Option<ModelSections> {
     let bytes = fs::read(path).ok()?;
     let model = Model::parse(&bytes).ok()?;
-    (model.provenance() == settings).then(|| Parts::of(&model))
+    (model.provenance() == settings).then(|| ModelSections::of(&model))
 }
 
 /// Writes a file so that it is whole or not there.

@@ -2,12 +2,12 @@
 
 use super::footage::is_held_back;
 use super::paste::Turning;
-use super::report::Report;
+use super::report::TrainingReport;
 use super::{TrainArgs, TrainError};
 use crate::shell::error::Error;
 use crate::shell::formats::clips;
 use crate::shell::pictures::PictureError;
-use crate::shell::render::{Assets, Flight, FrameTruth, Settings};
+use crate::shell::render::{Assets, RenderSettings, RenderedFlight, RenderedTruth};
 use crate::shell::sources::Frame;
 use crate::shell::support::interrupt;
 use crate::shell::support::parallel;
@@ -27,7 +27,7 @@ const RATE_FACTORS: core::ops::Range<usize> = 14..33;
 
 /// Rendered flights for training
 #[derive(Debug, Clone, clap::Args, serde::Serialize)]
-pub struct RenderArgs {
+pub struct TrainRenderArgs {
     /// Flights to render and learn from in addition to DATA; needs --backgrounds. They stay in OUT.flights
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub render: usize,
@@ -47,14 +47,14 @@ pub struct RenderArgs {
 ///
 /// # Errors
 /// [`Error`] of a picture, clip or shape that cannot be read, of files that cannot be written, or of `ffmpeg`.
-pub fn render(args: &TrainArgs, report: &Report) -> Result<(), Error> {
+pub fn render(args: &TrainArgs, report: &TrainingReport) -> Result<(), Error> {
     let TrainArgs { data, seed, hold_back, rendered, .. } = args;
     let (seed, hold_back, folder) = (*seed, *hold_back, &args.flights());
     let Some(backgrounds) = &rendered.backgrounds else {
         return Err(TrainError::NoBackgrounds.into());
     };
     // Real video compression instead of the renderer's own.
-    let mut settings = Settings::default();
+    let mut settings = RenderSettings::default();
     settings.sensor.quantiser = [1.0, 1.0];
     settings.frames = rendered.render_frames;
     fs::create_dir_all(folder).map_err(Error::write(folder))?;
@@ -86,7 +86,7 @@ pub fn render(args: &TrainArgs, report: &Report) -> Result<(), Error> {
             return Ok(());
         }
         let assets = if is_held_back(index, hold_back) { &held_back } else { &learned };
-        let mut flight_of = Flight::new(assets, &settings, seed, index as u64);
+        let mut flight_of = RenderedFlight::new(assets, &settings, seed, index as u64);
         let rate = Random::stream(seed, index as u64).below(RATE_FACTORS.len());
         write(&mut flight_of, &settings, RATE_FACTORS.start + rate, &flight(folder, index))?;
         bar.inc(1);
@@ -115,8 +115,8 @@ fn flight(folder: &Path, index: usize) -> PathBuf {
 
 /// Renders a flight and writes it as a clip: whole, or not there.
 fn write(
-    flight: &mut Flight<'_>,
-    settings: &Settings,
+    flight: &mut RenderedFlight<'_>,
+    settings: &RenderSettings,
     rate_factor: usize,
     path: &Path,
 ) -> Result<(), Error> {
@@ -131,7 +131,7 @@ fn write(
         "width": width, "height": height, "fps": settings.fps, "fx": focal, "fy": focal,
         "cx": (width as f64 - 1.0) / 2.0, "cy": (height as f64 - 1.0) / 2.0, "spans_m": flight.spans(),
     });
-    let mut encoder = Encoder::start(&partial.join("video.mp4"), settings, rate_factor)?;
+    let mut encoder = GreyEncoder::start(&partial.join("video.mp4"), settings, rate_factor)?;
     let mut boxes = String::new();
     let mut truths = String::from(
         "frame,time_s,yaw_rad,pitch_rad,roll_rad,id,azimuth_rad,elevation_rad,range_m,time_to_contact_s\n",
@@ -154,7 +154,7 @@ fn write(
 }
 
 /// Adds the lines of a frame to `gt.txt` and `truth.csv`.
-fn lines(number: u64, fps: u32, truth: &FrameTruth, boxes: &mut String, truths: &mut String) {
+fn lines(number: u64, fps: u32, truth: &RenderedTruth, boxes: &mut String, truths: &mut String) {
     truth.boxes.iter().for_each(|b| *boxes += &b.rounded_line(number));
     // A String takes all that is written to it.
     let [yaw, pitch, roll] = truth.attitude;
@@ -175,13 +175,13 @@ fn lines(number: u64, fps: u32, truth: &FrameTruth, boxes: &mut String, truths: 
 }
 
 /// An `ffmpeg` process that encodes grey frames to H.264.
-struct Encoder {
+struct GreyEncoder {
     child: Child,
     path: PathBuf,
 }
 
-impl Encoder {
-    fn start(path: &Path, settings: &Settings, rate_factor: usize) -> Result<Self, Error> {
+impl GreyEncoder {
+    fn start(path: &Path, settings: &RenderSettings, rate_factor: usize) -> Result<Self, Error> {
         let [width, height] = settings.size;
         let mut output = OsString::from("file:");
         output.push(path);
@@ -218,7 +218,7 @@ impl Encoder {
     }
 }
 
-impl Drop for Encoder {
+impl Drop for GreyEncoder {
     fn drop(&mut self) {
         // Both fail only when the process has ended already.
         let _ = self.child.kill();
@@ -231,7 +231,7 @@ mod tests {
     use super::*;
     use crate::shell::formats::clips::TruthBox;
     use crate::shell::formats::truth;
-    use crate::shell::render::TargetTruth;
+    use crate::shell::render::RenderedTarget;
 
     #[test]
     fn flights_of_other_settings_are_not_mixed() {
@@ -248,17 +248,17 @@ mod tests {
 
     #[test]
     fn truth_is_written_as_it_is_read() {
-        let target = |id| TargetTruth {
+        let target = |id| RenderedTarget {
             id,
             azimuth: 0.25,
             elevation: -0.5,
             range: 40.0,
             time_to_contact: None,
         };
-        let mut frame = FrameTruth {
+        let mut frame = RenderedTruth {
             attitude: [0.1, 0.2, 0.3],
-            targets: [target(1), TargetTruth { time_to_contact: Some(2.5), ..target(2) }].into(),
-            ..FrameTruth::default()
+            targets: [target(1), RenderedTarget { time_to_contact: Some(2.5), ..target(2) }].into(),
+            ..RenderedTruth::default()
         };
         let seen = TruthBox {
             id: 2,
@@ -272,7 +272,7 @@ mod tests {
         frame.boxes.push(seen);
         let (mut boxes, mut truths) = (String::new(), String::from("header\n"));
         lines(7, 30, &frame, &mut boxes, &mut truths);
-        lines(8, 30, &FrameTruth::default(), &mut boxes, &mut truths);
+        lines(8, 30, &RenderedTruth::default(), &mut boxes, &mut truths);
         let read = clips::GroundTruth::parse(&boxes, Path::new("gt.txt")).unwrap();
         assert_eq!(read.frame(7), [seen]);
         let folder = tempfile::tempdir().unwrap();

@@ -1,7 +1,7 @@
 //! Progress of a training on the terminal and as JSON Lines, and the generated part of a model card.
 
 use super::boost::Round;
-use super::stage::Stage;
+use super::stage::TrainingStage;
 use super::{TrainArgs, TrainError};
 use crate::shell::error::Error;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -20,7 +20,7 @@ const END: &str = "<!-- end of what lookout train writes -->";
 
 /// Clips and frames learned from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Summary {
+pub struct TrainingSummary {
     /// Clips in all.
     pub clips: usize,
     /// Of these, clips that were shown again with objects pasted in.
@@ -37,7 +37,7 @@ pub struct Summary {
     pub empty: usize,
 }
 
-impl Summary {
+impl TrainingSummary {
     /// Of which kinds the clips are, in words that follow their number.
     fn more(&self) -> String {
         let kinds = [
@@ -53,7 +53,7 @@ impl Summary {
 
 /// Progress, log and card.
 #[derive(Debug)]
-pub struct Report {
+pub struct TrainingReport {
     path: PathBuf,
     log: File,
     started: Instant,
@@ -64,7 +64,7 @@ pub struct Report {
 /// Share of a training's time that measuring the precision of scores takes, percent.
 const CALIBRATION: u64 = 8;
 
-impl Report {
+impl TrainingReport {
     /// Starts the log at `path`, or goes on with it.
     ///
     /// # Errors
@@ -109,7 +109,7 @@ impl Report {
     ///
     /// # Errors
     /// [`Error::Write`].
-    pub fn stage(&mut self, stages: &[Stage], number: usize) -> Result<(), Error> {
+    pub fn stage(&mut self, stages: &[TrainingStage], number: usize) -> Result<(), Error> {
         let rest = stages[number..].iter().map(|stage| stage.share()).sum::<u64>() + CALIBRATION;
         let (began, share) = *self.worked.get_or_insert_with(|| (Instant::now(), 0));
         let left = match began.elapsed().as_secs_f64() * rest as f64 / share as f64 {
@@ -142,7 +142,7 @@ impl Report {
         &mut self,
         args: &TrainArgs,
         bytes: &[u8],
-        summary: &Summary,
+        summary: &TrainingSummary,
         precision: &str,
     ) -> Result<(), Error> {
         let time = duration(self.started.elapsed().as_secs_f64());
@@ -150,7 +150,7 @@ impl Report {
         self.note(&format!("{}: {} bytes, in {time}", args.out.display(), bytes.len()))?;
         let Some(path) = &args.card else { return Ok(()) };
         let name = name(&args.out);
-        let Summary { clips, samples, held_back_clips, held_back_samples, .. } = summary;
+        let TrainingSummary { clips, samples, held_back_clips, held_back_samples, .. } = summary;
         let generated = format!(
             "{BEGIN}\n| | |\n| --- | --- |\n{}\n| command | `{}` |\n\
              | learned from | {samples} frames of {} clips{} |\n| held back to decide when to stop | \

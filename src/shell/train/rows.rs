@@ -4,8 +4,8 @@
 //! values go to the file feature by feature, in groups, and are read back group by group.
 
 use super::TrainError;
-use super::boost::Samples;
-use super::cubes::Row;
+use super::boost::BinnedSamples;
+use super::cubes::TrainingRow;
 use super::spool::Spool;
 use crate::shell::error::Error;
 use std::ops::Range;
@@ -25,7 +25,7 @@ pub struct RowFile {
 /// The rows of a clip without their values, and the place of the values of each group of features.
 #[derive(Debug)]
 pub struct Packed {
-    rows: Vec<Row>,
+    rows: Vec<TrainingRow>,
     groups: Vec<Range<u64>>,
 }
 
@@ -42,7 +42,7 @@ impl RowFile {
     ///
     /// # Errors
     /// [`Error::Write`].
-    pub fn pack(&self, mut rows: Vec<Row>) -> Result<Packed, Error> {
+    pub fn pack(&self, mut rows: Vec<TrainingRow>) -> Result<Packed, Error> {
         let mut groups = Vec::new();
         let mut bytes = Vec::new();
         for first in (0..self.features).step_by(GROUP) {
@@ -66,9 +66,9 @@ impl RowFile {
         packed: Vec<Packed>,
         edges: usize,
         fixed: &[Vec<u16>],
-    ) -> Result<(Vec<Row>, Samples), Error> {
+    ) -> Result<(Vec<TrainingRow>, BinnedSamples), Error> {
         let total: usize = packed.iter().map(|clip| clip.rows.len()).sum();
-        let mut samples = Samples::builder(total, edges);
+        let mut samples = BinnedSamples::builder(total, edges);
         let mut bytes: Vec<Vec<u8>> = packed.iter().map(|_| Vec::new()).collect();
         for feature in 0..self.features {
             if feature % GROUP == 0 {
@@ -104,10 +104,10 @@ mod tests {
         let mut random = Random::new(3);
         // More than one group, a group that is not full, and a clip without rows.
         let features = 2 * GROUP + 5;
-        let clips: Vec<Vec<Row>> = [3, 0, 7]
+        let clips: Vec<Vec<TrainingRow>> = [3, 0, 7]
             .iter()
             .map(|&rows| {
-                let row = |number| Row {
+                let row = |number| TrainingRow {
                     values: (0..features).map(|_| random.bits() as u16).collect(),
                     label: 1.0,
                     offset: None,
@@ -118,14 +118,14 @@ mod tests {
                 (0..rows).map(row).collect()
             })
             .collect();
-        let all: Vec<Row> = clips.iter().flatten().cloned().collect();
+        let all: Vec<TrainingRow> = clips.iter().flatten().cloned().collect();
         let column = |i: usize| all.iter().map(|row| row.values[i]).collect();
-        let expected = Samples::from_columns((0..features).map(column), 6).unwrap();
+        let expected = BinnedSamples::from_columns((0..features).map(column), 6).unwrap();
         let file = RowFile::create(&folder.path().join("x"), features).unwrap();
         let packed: Result<Vec<Packed>, Error> = clips.into_iter().map(|r| file.pack(r)).collect();
         let (rows, samples) = file.unpack(packed.unwrap(), 6, &[]).unwrap();
         assert_eq!(samples, expected);
-        let facts = |rows: &[Row]| -> Vec<(u32, bool)> {
+        let facts = |rows: &[TrainingRow]| -> Vec<(u32, bool)> {
             rows.iter().map(|row| (row.target, row.held_back)).collect()
         };
         assert_eq!(facts(&rows), facts(&all));

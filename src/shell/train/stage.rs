@@ -4,7 +4,7 @@ use crate::model::Section;
 
 /// A stage of training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
+pub enum TrainingStage {
     /// The soft cascade over windows, with rounds of hard negatives.
     Scan,
     /// The shift regressors of Algorithm 1.
@@ -19,7 +19,7 @@ pub enum Stage {
     Adaptation,
 }
 
-impl Stage {
+impl TrainingStage {
     /// Title in reports.
     pub const fn title(self) -> &'static str {
         match self {

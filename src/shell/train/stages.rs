@@ -1,19 +1,19 @@
 //! Stages of training, each on the model of the stages before it.
 
-use super::boost::{Bagging, Data, Loss, Options, Samples, TrainedForest, reject_thresholds};
+use super::boost::{Bagging, BinnedSamples, Data, Loss, Options, TrainedForest, reject_thresholds};
 use super::collection;
-use super::cubes::{self, Row};
-use super::file::Parts;
+use super::cubes::{self, TrainingRow};
+use super::file::ModelSections;
 use super::fits;
 use super::footage::Footage;
 use super::growth::{bag, boost};
-use super::listing::Kind;
+use super::listing::FolderRole;
 use super::pool;
-use super::report::{Report, Summary};
+use super::report::{TrainingReport, TrainingSummary};
 use super::rows::RowFile;
-use super::visit::{Depth, Selection, View, visit};
+use super::visit::{Depth, SampledView, Selection, visit};
 use super::window_files::WindowFiles;
-use super::windows::{self, Maps, Table, Window, balanced};
+use super::windows::{self, Maps, Window, WindowTable, balanced};
 use super::{CubeLoss, TrainArgs, TrainError};
 use crate::channels::scale_space::Pyramid;
 use crate::detector::Config;
@@ -98,7 +98,11 @@ pub struct Trainer<'a> {
 
 impl<'a> Trainer<'a> {
     /// Looks through the clips.
-    pub fn load(args: &'a TrainArgs, recipe: Recipe, report: &Report) -> Result<Self, Error> {
+    pub fn load(
+        args: &'a TrainArgs,
+        recipe: Recipe,
+        report: &TrainingReport,
+    ) -> Result<Self, Error> {
         let bar = report.bar("reading clips", 0);
         let footage = collection::load(args, || bar.inc(1))?;
         bar.finish_and_clear();
@@ -106,17 +110,17 @@ impl<'a> Trainer<'a> {
     }
 
     /// Number of clips and frames learned from, by kind.
-    pub fn summary(&self) -> Summary {
+    pub fn summary(&self) -> TrainingSummary {
         let own = || self.footage.iter().filter(|f| !f.pasted);
         let samples =
             |held_back| own().filter(|f| f.held_back == held_back).map(|f| f.samples.len()).sum();
-        Summary {
+        TrainingSummary {
             clips: own().count(),
             pasted_clips: self.footage.len() - own().count(),
             samples: samples(false),
             held_back_clips: self.footage.iter().filter(|f| f.held_back).count(),
             held_back_samples: samples(true),
-            rendered: own().filter(|f| f.kind == Kind::Rendered).count(),
+            rendered: own().filter(|f| f.kind == FolderRole::Rendered).count(),
             empty: own()
                 .filter(|f| f.boxes.iter().flatten().all(|b| b.class == Class::Bird))
                 .count(),
@@ -141,9 +145,9 @@ impl<'a> Trainer<'a> {
     /// Shows frames to `work`; its results in the order of clips and frames.
     fn each<T: Send>(
         &self,
-        report: &Report,
+        report: &TrainingReport,
         pass: Pass<'_>,
-        work: impl Fn(&View<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
+        work: impl Fn(&SampledView<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
     ) -> Result<Vec<T>, Error> {
         Ok(self.pack(report, pass, work, Ok)?.into_iter().flatten().collect())
     }
@@ -152,12 +156,12 @@ impl<'a> Trainer<'a> {
     /// of the first features among the others.
     pub(super) fn rows(
         &self,
-        report: &Report,
+        report: &TrainingReport,
         pass: Pass<'_>,
         features: usize,
         fixed: &[Vec<u16>],
-        work: impl Fn(&View<'_>, &Pyramid<'_>) -> Vec<Row> + Sync,
-    ) -> Result<(Vec<Row>, Samples), Error> {
+        work: impl Fn(&SampledView<'_>, &Pyramid<'_>) -> Vec<TrainingRow> + Sync,
+    ) -> Result<(Vec<TrainingRow>, BinnedSamples), Error> {
         let file = RowFile::create(&self.args.out, features)?;
         let packed = self.pack(report, pass, work, |rows| file.pack(rows))?;
         file.unpack(packed, EDGES, fixed)
@@ -166,9 +170,9 @@ impl<'a> Trainer<'a> {
     /// As [`Trainer::each`], but passes the results of each clip to `pack`.
     fn pack<T: Send, P: Send>(
         &self,
-        report: &Report,
+        report: &TrainingReport,
         pass: Pass<'_>,
-        work: impl Fn(&View<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
+        work: impl Fn(&SampledView<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
         pack: impl Fn(Vec<T>) -> Result<P, Error> + Sync,
     ) -> Result<Vec<P>, Error> {
         let looks = (!self.args.plain).then_some(self.args.seed);
@@ -178,7 +182,7 @@ impl<'a> Trainer<'a> {
         let count: usize = footage.iter().map(|clip| selection.frames(clip).len()).sum();
         let bar = report.bar(pass.name, count as u64);
         let config = self.config(pass.candidates);
-        let work = |view: &View<'_>, pyramid: &Pyramid<'_>| {
+        let work = |view: &SampledView<'_>, pyramid: &Pyramid<'_>| {
             if interrupt::requested() { Vec::new() } else { work(view, pyramid) }
         };
         let results = visit(&footage, config, &selection, || bar.inc(1), work, pack);
@@ -190,8 +194,8 @@ impl<'a> Trainer<'a> {
     /// training that was ended goes on with the round after the last one whose windows are there.
     pub fn scan(
         &self,
-        parts: &mut Parts,
-        report: &mut Report,
+        parts: &mut ModelSections,
+        report: &mut TrainingReport,
         files: &WindowFiles,
     ) -> Result<(), Error> {
         let mut windows: Vec<Window> = match files.load(0) {
@@ -230,7 +234,7 @@ impl<'a> Trainer<'a> {
                 _ => (self.args.scan_trees >> (2 - round.min(2)), self.args.scan_depth),
             };
             let channels = self.recipe.map_channels;
-            let table = Table::new(&windows, EDGES, channels).map_err(TrainError::Samples)?;
+            let table = WindowTable::new(&windows, EDGES, channels).map_err(TrainError::Samples)?;
             let positives = windows.iter().filter(|w| w.target.is_some()).count();
             report.note(&format!(
                 "round {} of {}: {positives} windows with a target, {} without",
@@ -282,11 +286,11 @@ impl<'a> Trainer<'a> {
     /// A forest over windows of `trees` trees of depth `depth`.
     fn window_trees(
         &self,
-        report: &mut Report,
+        report: &mut TrainingReport,
         name: &str,
         round: usize,
         (trees, depth): (usize, u8),
-        table: &Table,
+        table: &WindowTable,
     ) -> Result<TrainedForest, Error> {
         let seed = self.args.seed + round as u64;
         if self.recipe.windows == Learner::Bagging {
@@ -310,7 +314,11 @@ impl<'a> Trainer<'a> {
     }
 
     /// Trains φ_h and φ_v.
-    pub fn regressors(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
+    pub fn regressors(
+        &self,
+        parts: &mut ModelSections,
+        report: &mut TrainingReport,
+    ) -> Result<(), Error> {
         let pool = pool::patch(PATCH_FEATURES, &mut self.random(2, 0));
         let pass = Pass { part: (0, 2), pasted: false, ..Pass::new("patches") };
         let (rows, samples) = self.rows(report, pass, pool.len(), &[], |view, pyramid| {
@@ -327,21 +335,21 @@ impl<'a> Trainer<'a> {
     /// with pasted objects.
     fn offsets(
         &self,
-        report: &mut Report,
+        report: &mut TrainingReport,
         sections: &[Section],
-        rows: &[Row],
-        samples: &Samples,
+        rows: &[TrainingRow],
+        samples: &BinnedSamples,
         pasted: [f32; 4],
     ) -> Result<Vec<(Section, TrainedForest)>, Error> {
         let mut forests = Vec::new();
         for (component, &section) in sections.iter().enumerate() {
-            let value = |row: &Row| {
+            let value = |row: &TrainingRow| {
                 row.offset.map_or(0.0, |o| [o.x, o.y, o.width, o.height][component] as f32)
             };
             let targets: Vec<f32> = rows.iter().map(value).collect();
             let weigh = |held_back: bool| -> Vec<f32> {
-                let used = |row: &Row| row.offset.is_some() && row.held_back == held_back;
-                let weight = |row: &Row| if row.pasted { pasted[component] } else { 1.0 };
+                let used = |row: &TrainingRow| row.offset.is_some() && row.held_back == held_back;
+                let weight = |row: &TrainingRow| if row.pasted { pasted[component] } else { 1.0 };
                 rows.iter().map(|row| if used(row) { weight(row) } else { 0.0 }).collect()
             };
             let (weights, held_back) = (weigh(false), weigh(true));
@@ -366,7 +374,11 @@ impl<'a> Trainer<'a> {
     }
 
     /// The classifier of cubes, where there is one, and the box.
-    pub fn cubes(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
+    pub fn cubes(
+        &self,
+        parts: &mut ModelSections,
+        report: &mut TrainingReport,
+    ) -> Result<(), Error> {
         let Recipe { method, sees, .. } = self.recipe;
         let pool = pool::cube(self.args.features, sees, method.temporal, &mut self.random(4, 0));
         let bytes = parts.encode();
@@ -391,7 +403,11 @@ impl<'a> Trainer<'a> {
     }
 
     /// The regressors that fit boxes to objects.
-    pub fn fits(&self, parts: &mut Parts, report: &mut Report) -> Result<(), Error> {
+    pub fn fits(
+        &self,
+        parts: &mut ModelSections,
+        report: &mut TrainingReport,
+    ) -> Result<(), Error> {
         let temporal = self.recipe.method.temporal;
         let pool = pool::stretched(FIT_FEATURES, temporal, &mut self.random(6, 0));
         let (rows, samples) =
@@ -406,7 +422,11 @@ impl<'a> Trainer<'a> {
     }
 
     /// Whether the classifier has both kinds of candidates to learn from; after Ctrl-C there may be none.
-    pub(super) fn check_labels(&self, report: &mut Report, rows: &[Row]) -> Result<(), Error> {
+    pub(super) fn check_labels(
+        &self,
+        report: &mut TrainingReport,
+        rows: &[TrainingRow],
+    ) -> Result<(), Error> {
         let count = |label: f32| rows.iter().filter(|r| r.label == label).count();
         let (found, missed) = (count(1.0), count(-1.0));
         report.note(&format!("{found} st-cubes of targets, {missed} of false candidates"))?;
@@ -422,9 +442,9 @@ impl<'a> Trainer<'a> {
     /// The classifier of cubes.
     fn classifier(
         &self,
-        report: &mut Report,
-        rows: &[Row],
-        samples: &Samples,
+        report: &mut TrainingReport,
+        rows: &[TrainingRow],
+        samples: &BinnedSamples,
     ) -> Result<TrainedForest, Error> {
         let targets: Vec<f32> =
             rows.iter().map(|r| if r.label > 0.0 { 1.0 } else { -1.0 }).collect();
@@ -464,7 +484,7 @@ impl<'a> Trainer<'a> {
 }
 
 /// Whether rows of both labels are held back.
-pub(super) fn both(rows: &[Row]) -> bool {
+pub(super) fn both(rows: &[TrainingRow]) -> bool {
     let any = |label: f32| rows.iter().any(|r| r.label == label && r.held_back);
     any(1.0) && any(-1.0)
 }

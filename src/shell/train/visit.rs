@@ -29,7 +29,7 @@ pub enum Depth {
 
 /// A sampled frame as the front end shows it.
 #[derive(Debug)]
-pub struct View<'a> {
+pub struct SampledView<'a> {
     /// A number unlike that of every other sampled frame.
     pub number: u32,
     /// The boxes of the frame as it looks.
@@ -81,7 +81,7 @@ pub fn visit<T: Send, P: Send>(
     config: impl Fn(usize, usize) -> Config + Sync,
     selection: &Selection,
     tick: impl Fn() + Sync,
-    work: impl Fn(&View<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
+    work: impl Fn(&SampledView<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
     pack: impl Fn(Vec<T>) -> Result<P, Error> + Sync,
 ) -> Result<Vec<P>, Error> {
     let results = parallel::map(footage.to_vec(), |clip: &Footage| {
@@ -114,7 +114,7 @@ fn show(
     playback: &mut Playback<'_>,
     (frames, depth, look): (&[usize], Depth, Look),
     config: &impl Fn(usize, usize) -> Config,
-    mut work: impl FnMut(&View<'_>, &Pyramid<'_>),
+    mut work: impl FnMut(&SampledView<'_>, &Pyramid<'_>),
 ) -> Result<(), Error> {
     let (width, height) = look.size(clip.size.0, clip.size.1);
     let config = config(width, height);
@@ -133,7 +133,8 @@ fn show(
         }
         for number in last + 1..=frame {
             look.apply(playback.frame(number)?, &mut picture);
-            let refused = |error: front_end::Error| refused(number as u64, error.into());
+            let refused =
+                |error: front_end::RegistrationError| refused(number as u64, error.into());
             // Older frames are only there to be compared with.
             if number + slices <= frame {
                 front_end.skip(picture.view()).map_err(refused)?;
@@ -142,7 +143,7 @@ fn show(
             let (channels, _) = front_end.process(picture.view(), &mut || {}).map_err(refused)?;
             if number == frame {
                 let truth = |truth| look.truth(truth, clip.size.0);
-                let view = View {
+                let view = SampledView {
                     number: (clip.number * 4096 + frame) as u32,
                     boxes: clip.boxes[frame - 1].iter().map(truth).collect(),
                     pasted: clip.pasted,

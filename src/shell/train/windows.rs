@@ -1,14 +1,14 @@
 //! Windows for the scan: positives, random negatives, hard negatives.
 
-use super::boost::{Data, Samples, SamplesError};
-use super::labels::{Label, Offset, Tolerance, Truth, label, truths};
-use super::visit::View;
+use super::boost::{BinnedSamples, Data, SamplesError};
+use super::labels::{Offset, Tolerance, TrainingBox, WindowLabel, label, truths};
+use super::visit::SampledView;
 use crate::channels::scale_space::Pyramid;
 use crate::channels::window::PADDING;
 use crate::channels::window::Position;
 use crate::detector::Config;
 use crate::model::Model;
-use crate::scan::aggregate::{self, MAP_CHANNELS, Strip};
+use crate::scan::aggregate::{self, MAP_CHANNELS, MapStrip};
 use crate::scan::cascade::{FEATURES, Map};
 use crate::scan::{self, Scratch};
 use crate::shell::support::random::Random;
@@ -71,7 +71,7 @@ impl Maps {
     }
 
     fn map(&self, level: usize) -> Map<'_> {
-        Map::new(Strip { top: 0, bytes: &self.bytes[level] }, self.columns[level])
+        Map::new(MapStrip { top: 0, bytes: &self.bytes[level] }, self.columns[level])
     }
 }
 
@@ -85,12 +85,12 @@ pub fn candidates(pyramid: &Pyramid<'_>, model: &Model<'_>, config: &Config) -> 
 }
 
 /// All windows that show a target of the frame.
-pub fn positives(view: &View<'_>, pyramid: &Pyramid<'_>, maps: &Maps) -> Vec<Window> {
+pub fn positives(view: &SampledView<'_>, pyramid: &Pyramid<'_>, maps: &Maps) -> Vec<Window> {
     let truths = truths(&view.boxes);
     let tolerance = tolerance(pyramid);
     let mut windows = Vec::new();
     for (target, truth) in truths.iter().enumerate() {
-        let Truth::Target(truth) = truth else { continue };
+        let TrainingBox::Target(truth) = truth else { continue };
         for level in pyramid.searched() {
             let offset = Offset::of(truth, Position::default(), &level.level);
             if offset.scale().abs() > tolerance.scale {
@@ -118,7 +118,7 @@ pub fn positives(view: &View<'_>, pyramid: &Pyramid<'_>, maps: &Maps) -> Vec<Win
 
 /// `count` windows that show no target, levels drawn alike, places at random.
 pub fn random_negatives(
-    view: &View<'_>,
+    view: &SampledView<'_>,
     pyramid: &Pyramid<'_>,
     maps: &Maps,
     count: usize,
@@ -135,7 +135,7 @@ pub fn random_negatives(
         let place = |v: usize| v as i16 - PADDING as i16;
         let (x, y) = (place(random.below(columns)), place(random.below(rows)));
         if label(&truths, Position::of_cell(x, y), &pyramid.levels()[level], &tolerance)
-            == Label::Negative
+            == WindowLabel::Negative
         {
             windows.push(Window {
                 values: map.values(x, y),
@@ -149,7 +149,7 @@ pub fn random_negatives(
 
 /// The windows that the model's scan finds best and that show no target.
 pub fn hard_negatives(
-    view: &View<'_>,
+    view: &SampledView<'_>,
     pyramid: &Pyramid<'_>,
     model: &Model<'_>,
     config: &Config,
@@ -160,7 +160,7 @@ pub fn hard_negatives(
         .iter()
         .filter(|c| {
             let level = &pyramid.levels()[usize::from(c.level)];
-            label(&truths, scan::window(c), level, &tolerance) == Label::Negative
+            label(&truths, scan::window(c), level, &tolerance) == WindowLabel::Negative
         })
         .map(|c| Window {
             values: maps.map(usize::from(c.level)).values(c.x, c.y),
@@ -172,9 +172,9 @@ pub fn hard_negatives(
 
 /// Windows as the booster takes them.
 #[derive(Debug)]
-pub struct Table {
+pub struct WindowTable {
     /// Binned values.
-    pub samples: Samples,
+    pub samples: BinnedSamples,
     /// Labels: 1 target, -1 background.
     pub targets: Vec<f32>,
     /// Weights of the rows to learn from; 0 for those held back.
@@ -183,7 +183,7 @@ pub struct Table {
     pub held_back: Vec<f32>,
 }
 
-impl Table {
+impl WindowTable {
     /// Bins the windows into at most `edges` + 1 bins; of channels from `channels` on nothing is seen. Positives and negatives weigh the same in all.
     ///
     /// # Errors
@@ -193,7 +193,7 @@ impl Table {
             if i % MAP_CHANNELS < channels { u16::from(w.values[i]) } else { 0 }
         };
         let column = |i: usize| windows.iter().map(|w| value(w, i)).collect();
-        let samples = Samples::from_columns((0..FEATURES).map(column), edges)?;
+        let samples = BinnedSamples::from_columns((0..FEATURES).map(column), edges)?;
         let targets: Vec<f32> =
             windows.iter().map(|w| if w.target.is_some() { 1.0 } else { -1.0 }).collect();
         let weigh = |held_back: bool| balanced(&targets, |row| windows[row].held_back == held_back);

@@ -30,20 +30,20 @@ fn view(degrees: f32) -> CAMERA_FOV_STATUS_DATA {
 }
 
 /// A flight of system 42 with a gimbal.
-fn flight() -> Flight {
-    let config = Config { gimbal: true, ..Config::default() };
-    let mut flight = Flight::new(config, Parameters::default());
+fn flight() -> TestFlight {
+    let config = ComponentConfig { gimbal: true, ..ComponentConfig::default() };
+    let mut flight = TestFlight::new(config, Parameters::default());
     flight.fly(1.0);
     flight.events.clear();
     flight
 }
 
 /// Yaw in thousandths of radians, and whether it counts from north, of what the gimbal was heard to say.
-fn pointed(flight: &mut Flight) -> Vec<(i64, bool)> {
+fn pointed(flight: &mut TestFlight) -> Vec<(i64, bool)> {
     flight.drain();
     let events = core::mem::take(&mut flight.events);
-    let yaw = |event: &Event| match event {
-        Event::Gimbal { quaternion, from_north, .. } => {
+    let yaw = |event: &ComponentEvent| match event {
+        ComponentEvent::Gimbal { quaternion, from_north, .. } => {
             let [w, x, y, z] = quaternion.map(|q| I2F30::from_bits(q).to_num::<f64>());
             assert!(x.abs() < 1e-3 && y.abs() < 1e-3);
             Some(((2.0 * z.atan2(w) * 1000.0).round() as i64, *from_north))
@@ -126,7 +126,7 @@ fn times_are_those_of_the_gimbals_clock() {
         flight.hear(42, 154, &data);
         flight.drain();
         let last = flight.events.iter().rev().find_map(|event| match event {
-            Event::Gimbal { time_us, .. } => Some(*time_us),
+            ComponentEvent::Gimbal { time_us, .. } => Some(*time_us),
             _ => None,
         });
         let late = last.unwrap() - (flight.now - delay);
@@ -138,8 +138,7 @@ fn times_are_those_of_the_gimbals_clock() {
     flight.hear(42, 154, &status(IN_EARTH_FRAME, 0.0));
     flight.drain();
     let now = flight.now;
-    let at_arrival =
-        |event: &Event| matches!(event, Event::Gimbal { time_us, .. } if *time_us == now);
+    let at_arrival = |event: &ComponentEvent| matches!(event, ComponentEvent::Gimbal { time_us, .. } if *time_us == now);
     assert!(flight.events.iter().any(at_arrival));
 }
 
@@ -153,13 +152,14 @@ fn fields_of_view() {
     flight.hear(42, 101, &view(20.0));
     flight.hear(7, 100, &view(20.0));
     flight.drain();
-    let views = flight.events.iter().filter(|event| matches!(event, Event::FieldOfView { .. }));
-    let wanted = Event::FieldOfView { degrees: I16F16::from_num(62.5) };
+    let views =
+        flight.events.iter().filter(|event| matches!(event, ComponentEvent::FieldOfView { .. }));
+    let wanted = ComponentEvent::FieldOfView { degrees: I16F16::from_num(62.5) };
     assert_eq!(views.collect::<Vec<_>>(), [&wanted]);
 }
 
 /// SET_MESSAGE_INTERVAL by message: when, to which component, microseconds.
-fn asked(flight: &Flight, id: u32) -> Vec<(i64, u8, i64)> {
+fn asked(flight: &TestFlight, id: u32) -> Vec<(i64, u8, i64)> {
     let commands = flight.of::<COMMAND_LONG_DATA>();
     let of_id = commands.iter().filter(|(_, _, data)| {
         data.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL && data.param1 == id as f32
@@ -239,7 +239,8 @@ fn the_angles_count_where_the_quaternion_is_rarer() {
         flight.hear(42, 1, &angles);
         flight.fly(0.1);
     }
-    let count = flight.events.iter().filter(|e| matches!(e, Event::Attitude { .. })).count();
+    let count =
+        flight.events.iter().filter(|e| matches!(e, ComponentEvent::Attitude { .. })).count();
     assert!(count >= 45, "{count} of 55");
 }
 
@@ -277,7 +278,9 @@ fn angular_velocities() {
     flight.hear(42, 1, &HIGHRES_IMU_DATA { xgyro: f32::NAN, ..highres });
     flight.drain();
     let heard = flight.events.iter().filter_map(|event| match event {
-        Event::Rates { time_us, rates } => Some((*time_us, rates.map(|rate| rate.to_num::<f32>()))),
+        ComponentEvent::Rates { time_us, rates } => {
+            Some((*time_us, rates.map(|rate| rate.to_num::<f32>())))
+        }
         _ => None,
     });
     let heard: Vec<_> = heard.collect();
@@ -303,7 +306,7 @@ fn a_slow_detector_is_one_state() {
             states.push(flight.component.state());
         }
     }
-    assert!(states.iter().all(|state| *state == State::Slow), "{states:?}");
+    assert!(states.iter().all(|state| *state == LookoutState::Slow), "{states:?}");
     let texts: Vec<_> = flight
         .of::<STATUSTEXT_DATA>()
         .iter()
@@ -313,10 +316,10 @@ fn a_slow_detector_is_one_state() {
     assert_eq!(texts, ["Lookout: too slow, traffic is not watched"]);
     // Then the camera goes.
     flight.fly(8.0);
-    assert_eq!(flight.component.state(), State::Stalled);
+    assert_eq!(flight.component.state(), LookoutState::Stalled);
     // Smaller frames are quick.
     flight.health.busy_us = 20_000;
     flight.frames = true;
     flight.fly(1.0);
-    assert_eq!(flight.component.state(), State::Watching);
+    assert_eq!(flight.component.state(), LookoutState::Watching);
 }

@@ -59,7 +59,7 @@ fn attitude(boot_ms: u32) -> ATTITUDE_QUATERNION_DATA {
 }
 
 /// A component with an autopilot of system 42 on link 1, which answers as one does.
-struct Flight {
+struct TestFlight {
     component: Component,
     now: i64,
     /// The autopilot's time since its start minus ours, in milliseconds.
@@ -69,11 +69,11 @@ struct Flight {
     seen: Vec<Traffic>,
     health: Health,
     sent: Vec<(i64, Outgoing)>,
-    events: Vec<Event>,
+    events: Vec<ComponentEvent>,
 }
 
-impl Flight {
-    fn new(config: Config, parameters: Parameters) -> Self {
+impl TestFlight {
+    fn new(config: ComponentConfig, parameters: Parameters) -> Self {
         Self {
             component: Component::new(config, parameters, 0),
             now: 0,
@@ -138,7 +138,7 @@ impl Flight {
         all.iter()
             .filter(|(_, m)| m.payload.id() == 77)
             .map(|(_, m)| {
-                let fields = Fields(m.payload.bytes());
+                let fields = PayloadFields(m.payload.bytes());
                 let command = u16::from_le_bytes(fields.bytes(0));
                 (m.component_id, command, fields.byte(2), fields.byte(8), fields.byte(9))
             })
@@ -146,16 +146,16 @@ impl Flight {
     }
 }
 
-fn flight() -> Flight {
-    Flight::new(Config::default(), Parameters::default())
+fn flight() -> TestFlight {
+    TestFlight::new(ComponentConfig::default(), Parameters::default())
 }
 
-fn with(values: &[(Parameter, f32)]) -> Flight {
+fn with(values: &[(Parameter, f32)]) -> TestFlight {
     let mut parameters = Parameters::default();
     for &(parameter, value) in values {
         assert!(parameters.set(parameter, value));
     }
-    Flight::new(Config::default(), parameters)
+    TestFlight::new(ComponentConfig::default(), parameters)
 }
 
 #[test]
@@ -172,7 +172,7 @@ fn the_system_id_is_the_autopilot_s() {
     flight.autopilot = Some(42);
     flight.fly(2.0);
     assert_eq!(flight.component.system_id(), 42);
-    assert!(flight.events.contains(&Event::Found { system_id: 42, autopilot: 3 }));
+    assert!(flight.events.contains(&ComponentEvent::Found { system_id: 42, autopilot: 3 }));
     // A second vehicle in the same air is left alone.
     flight.hear(7, 1, &autopilot_heartbeat());
     assert_eq!(flight.component.system_id(), 42);
@@ -208,7 +208,7 @@ fn traffic_is_told_at_its_rates_and_not_when_stale() {
     flight.seen.push(traffic(3));
     flight.fly(10.0);
     let count =
-        |flight: &Flight, id| flight.sent.iter().filter(|(_, m)| m.payload.id() == id).count();
+        |flight: &TestFlight, id| flight.sent.iter().filter(|(_, m)| m.payload.id() == id).count();
     assert!((19..=21).contains(&count(&flight, 246)), "{}", count(&flight, 246));
     assert!((98..=101).contains(&count(&flight, 330)), "{}", count(&flight, 330));
     assert_eq!(count(&flight, 11037), 0);
@@ -252,7 +252,7 @@ fn one_kind_of_proximity_and_none_by_default() {
 fn collision_yields_to_the_autopilot_s_own() {
     let mut flight = flight();
     let time_to_contact = Some(Estimate { value: I16F16::from_num(9), sigma: I16F16::ONE });
-    flight.seen.push(Traffic { level: Level::Warning, time_to_contact, ..traffic(5) });
+    flight.seen.push(Traffic { level: AlertLevel::Warning, time_to_contact, ..traffic(5) });
     flight.fly(5.0);
     let reported = flight.of::<COLLISION_DATA>();
     assert!((4..=5).contains(&reported.len()) && reported[0].2.threat_level as u8 == 2);
@@ -276,7 +276,7 @@ fn collision_yields_to_the_autopilot_s_own() {
     flight.fly(2.0);
     assert!(!flight.of::<COLLISION_DATA>().is_empty());
     // The danger is over: reported once as such, then no more.
-    flight.seen[0].level = Level::None;
+    flight.seen[0].level = AlertLevel::None;
     flight.sent.clear();
     flight.fly(10.0);
     let over = flight.of::<COLLISION_DATA>();
@@ -289,7 +289,7 @@ fn what_is_signed_derives_from_what_is_signed() {
     let messages = |forge: bool| {
         let mut flight = flight();
         let time_to_contact = Some(Estimate { value: I16F16::from_num(9), sigma: I16F16::ONE });
-        flight.seen.push(Traffic { level: Level::Warning, time_to_contact, ..traffic(5) });
+        flight.seen.push(Traffic { level: AlertLevel::Warning, time_to_contact, ..traffic(5) });
         for step in 0..500u32 {
             if forge {
                 let sydney = GLOBAL_POSITION_INT_DATA {
@@ -331,7 +331,7 @@ fn questions_cost_no_report() {
     let reports = |questions: usize| {
         let mut flight = flight();
         let time_to_contact = Some(Estimate { value: I16F16::from_num(9), sigma: I16F16::ONE });
-        flight.seen.push(Traffic { level: Level::Warning, time_to_contact, ..traffic(5) });
+        flight.seen.push(Traffic { level: AlertLevel::Warning, time_to_contact, ..traffic(5) });
         for _ in 0..200 {
             let list = PARAM_REQUEST_LIST_DATA { target_system: 0, target_component: 0 };
             let time = TIMESYNC_DATA { tc1: 0, ts1: 7, target_system: 0, target_component: 0 };
@@ -356,7 +356,7 @@ fn a_lost_autopilot_and_another_one() {
     flight.fly(3.0);
     flight.autopilot = None;
     flight.fly(6.0);
-    assert!(flight.events.contains(&Event::Lost));
+    assert!(flight.events.contains(&ComponentEvent::Lost));
     flight.sent.clear();
     flight.fly(1.0);
     assert!(flight.of::<ADSB_VEHICLE_DATA>().is_empty(), "no place without a vehicle");
@@ -379,7 +379,7 @@ fn a_restarted_autopilot_is_asked_again() {
     flight.boot = -flight.now / 1000;
     flight.hear(42, 1, &SYSTEM_TIME_DATA { time_unix_usec: 0, time_boot_ms: 1 });
     flight.drain();
-    assert!(flight.events.contains(&Event::Restarted));
+    assert!(flight.events.contains(&ComponentEvent::Restarted));
     let asked: Vec<_> = flight
         .of::<COMMAND_LONG_DATA>()
         .iter()
@@ -401,8 +401,8 @@ fn attitudes_bear_our_time() {
     assert_eq!(
         flight.events,
         [
-            Event::Attitude { time_us, quaternion: [1 << 30, 0, 0, 0] },
-            Event::Rates { time_us, rates: [I16F16::ZERO; 3] },
+            ComponentEvent::Attitude { time_us, quaternion: [1 << 30, 0, 0, 0] },
+            ComponentEvent::Rates { time_us, rates: [I16F16::ZERO; 3] },
         ]
     );
     // Euler angles give the same rotation; they count only where there is nothing better.
@@ -419,7 +419,7 @@ fn attitudes_bear_our_time() {
     };
     flight.hear(42, 1, &euler);
     flight.drain();
-    let Some(&Event::Attitude { quaternion, .. }) = flight.events.first() else {
+    let Some(&ComponentEvent::Attitude { quaternion, .. }) = flight.events.first() else {
         panic!("{:?}", flight.events)
     };
     let half = |angle: f64| ((angle / 2.0).cos(), (angle / 2.0).sin());

@@ -109,7 +109,7 @@ fn parameters_are_listed_read_and_set() {
             flight.of::<PARAM_VALUE_DATA>().iter().map(|p| p.2.param_value).collect();
         assert_eq!(echoed, echo.into_iter().collect::<Vec<_>>(), "{data:?}");
         assert_eq!(
-            flight.events.contains(&Event::Parameter(Parameter::Wingspan)),
+            flight.events.contains(&ComponentEvent::Parameter(Parameter::Wingspan)),
             taken,
             "{data:?}"
         );
@@ -155,9 +155,12 @@ fn without_the_signature_nobody_commands() {
 
 #[test]
 fn the_camera_draws_a_box_that_can_be_turned_off() {
-    let camera = Some(Camera { component_id: 100, width: 640, height: 480 });
-    let mut flight = Flight::new(Config { camera, ..Config::default() }, Parameters::default());
-    flight.seen.extend([traffic(1), Traffic { level: Level::Warning, ..traffic(2) }]);
+    let camera = Some(CameraComponent { component_id: 100, width: 640, height: 480 });
+    let mut flight = TestFlight::new(
+        ComponentConfig { camera, ..ComponentConfig::default() },
+        Parameters::default(),
+    );
+    flight.seen.extend([traffic(1), Traffic { level: AlertLevel::Warning, ..traffic(2) }]);
     flight.fly(2.0);
     let boxes = flight.of::<CAMERA_TRACKING_IMAGE_STATUS_DATA>();
     assert!(boxes.len() >= 9 && boxes.iter().all(|b| b.1.component_id == 100));
@@ -202,10 +205,10 @@ proptest! {
         times in prop::collection::vec(any::<i64>(), 1..8),
     ) {
         const KINDS: [u32; 15] = [0, 2, 20, 21, 23, 30, 31, 33, 75, 76, 77, 111, 247, 246, 330];
-        let camera = Some(Camera { component_id: 100, width: 0, height: 65535 });
+        let camera = Some(CameraComponent { component_id: 100, width: 0, height: 65535 });
         let mut parameters = Parameters::default();
         parameters.set(Parameter::Proximity, 2.0);
-        let mut component = Component::new(Config { camera, ..Config::default() }, parameters, times[0]);
+        let mut component = Component::new(ComponentConfig { camera, ..ComponentConfig::default() }, parameters, times[0]);
         component.receive(0, &raw(1, 1, &autopilot_heartbeat()), Trust::Open, times[0]);
         for &now in &times {
             for (kind, id, payload, [system, sender, link]) in &frames {

@@ -10,7 +10,7 @@ fn heartbeat(mav_type: MavType, autopilot: MavAutopilot) -> HEARTBEAT_DATA {
     HEARTBEAT_DATA { mavtype: mav_type, autopilot, ..autopilot_heartbeat() }
 }
 
-fn texts(flight: &Flight) -> Vec<std::string::String> {
+fn texts(flight: &TestFlight) -> Vec<std::string::String> {
     let texts = flight.of::<STATUSTEXT_DATA>();
     texts.iter().map(|t| t.2.text.to_str().unwrap().into()).collect()
 }
@@ -65,7 +65,7 @@ fn the_vehicle_beside_ours_is_never_served() {
     flight.autopilot = Some(2);
     flight.fly(1.0);
     assert_eq!(flight.component.autopilot().unwrap().system_id, 2);
-    assert!(flight.events.contains(&Event::Returned { system_id: 2 }));
+    assert!(flight.events.contains(&ComponentEvent::Returned { system_id: 2 }));
 }
 
 /// Ours is silent, and a vehicle appears that was never heard beside it: served until ours comes back.
@@ -104,14 +104,14 @@ fn a_lost_autopilot_is_reported_within_three_seconds() {
     assert!(text.0 - gone <= 3 * SECOND && text.1.priority == Priority::Urgent);
     let beat = flight.of::<HEARTBEAT_DATA>().pop().unwrap();
     assert_eq!((beat.2.system_status as u8, beat.2.custom_mode), (5, 16));
-    assert_eq!(flight.events, [Event::Lost]);
-    assert_eq!(flight.component.state(), State::NoAutopilot);
+    assert_eq!(flight.events, [ComponentEvent::Lost]);
+    assert_eq!(flight.component.state(), LookoutState::NoAutopilot);
     flight.sent.clear();
     flight.autopilot = Some(42);
     flight.fly(2.0);
     assert_eq!(texts(&flight), ["Lookout: autopilot is back"]);
     assert_eq!(flight.of::<HEARTBEAT_DATA>().pop().unwrap().2.system_status as u8, 4);
-    assert!(flight.events.contains(&Event::Returned { system_id: 42 }));
+    assert!(flight.events.contains(&ComponentEvent::Returned { system_id: 42 }));
 }
 
 /// Telemetry without heartbeats is no loss; a restart during silence is noticed; a bad link does not fill the screen.
@@ -124,13 +124,13 @@ fn restarts_and_flapping_links() {
         flight.now += STEP;
         flight.drain();
     }
-    assert!(!flight.events.contains(&Event::Lost));
+    assert!(!flight.events.contains(&ComponentEvent::Lost));
     flight.autopilot = None;
     flight.fly(3.0);
     flight.boot = 500 - flight.now / 1000;
     flight.autopilot = Some(42);
     flight.fly(2.0);
-    assert!(flight.events.contains(&Event::Restarted));
+    assert!(flight.events.contains(&ComponentEvent::Restarted));
     let said = texts(&flight);
     assert!(said.iter().any(|text| text == "Lookout: autopilot restarted"), "{said:?}");
     flight.sent.clear();
@@ -149,7 +149,7 @@ fn restarts_and_flapping_links() {
 fn files_missions_and_unknown_parameters_are_answered() {
     let mut flight = flight();
     flight.fly(1.0);
-    let ask = |flight: &mut Flight, frame: &MAVLinkMessageRaw| {
+    let ask = |flight: &mut TestFlight, frame: &MAVLinkMessageRaw| {
         flight.drain();
         flight.sent.clear();
         flight.component.receive(5, frame, Trust::Open, flight.now);
@@ -273,12 +273,12 @@ fn a_track_takes_the_callsign_of_the_aircraft_in_its_direction() {
 
 #[test]
 fn the_own_fleet_is_not_reported() {
-    let mut config = Config::default();
+    let mut config = ComponentConfig::default();
     config.naming.fleet[0] = Callsign::new(b"FLEET1");
-    let mut flight = Flight::new(config, Parameters::default());
+    let mut flight = TestFlight::new(config, Parameters::default());
     flight.fly(1.0);
     flight.hear(42, 1, &cooperative("FLEET1", 0x4B1A2C, (212.0, 212.0)));
-    flight.seen.push(Traffic { level: Level::Warning, ..traffic(3) });
+    flight.seen.push(Traffic { level: AlertLevel::Warning, ..traffic(3) });
     flight.seen.push(Traffic { ned: Some(direction(-80.0, 0.0)), ..traffic(4) });
     flight.sent.clear();
     flight.fly(2.0);
@@ -292,8 +292,10 @@ fn the_own_fleet_is_not_reported() {
 #[test]
 fn two_lookouts_on_one_vehicle_differ() {
     let sent = [196, 197].map(|component_id| {
-        let mut flight =
-            Flight::new(Config { component_id, ..Config::default() }, Parameters::default());
+        let mut flight = TestFlight::new(
+            ComponentConfig { component_id, ..ComponentConfig::default() },
+            Parameters::default(),
+        );
         flight.seen.push(traffic(1));
         flight.fly(2.0);
         let last = flight.of::<ADSB_VEHICLE_DATA>().pop().unwrap().2;
@@ -310,8 +312,10 @@ fn the_heartbeat_is_of_the_type_that_was_set() {
         (HeartbeatType::Adsb, 27),
         (HeartbeatType::Flarm, 32),
     ] {
-        let mut flight =
-            Flight::new(Config { heartbeat, ..Config::default() }, Parameters::default());
+        let mut flight = TestFlight::new(
+            ComponentConfig { heartbeat, ..ComponentConfig::default() },
+            Parameters::default(),
+        );
         flight.fly(1.0);
         assert_eq!(flight.of::<HEARTBEAT_DATA>()[0].2.mavtype as u8, number);
     }

@@ -1,7 +1,7 @@
 //! Clips whose path is an address: fetched by `curl` into a folder that goes with them.
 
 use super::FleetError;
-use super::manifest::Row;
+use super::manifest::ManifestRow;
 use crate::shell::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -13,7 +13,7 @@ use std::{format, fs};
 pub struct Fetched {
     folder: PathBuf,
     /// The clip, with paths in the folder.
-    pub row: Row,
+    pub row: ManifestRow,
 }
 
 impl Fetched {
@@ -39,7 +39,7 @@ pub fn is_address(path: &str) -> bool {
 ///
 /// # Errors
 /// [`FleetError::Fetch`]; the next attempt may succeed.
-pub fn fetch(row: &Row) -> Result<Option<Fetched>, Error> {
+pub fn fetch(row: &ManifestRow) -> Result<Option<Fetched>, Error> {
     if !is_address(&row.path) {
         return Ok(None);
     }

@@ -37,7 +37,7 @@ pub struct ManifestArgs {
 
 /// A clip of a manifest.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Row {
+pub struct ManifestRow {
     /// Its name, behind that of the split where there are several; no other one has it.
     pub clip: String,
     /// The folder of clips that it is counted with.
@@ -61,7 +61,7 @@ pub struct Manifest {
     /// Its folder, which paths are relative to.
     pub folder: PathBuf,
     /// The clips.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ManifestRow>,
     /// The file's bytes.
     pub bytes: Vec<u8>,
 }
@@ -80,7 +80,7 @@ pub fn run(args: &ManifestArgs) -> Result<Ended, Error> {
         // A video in a folder of videos is a clip by itself.
         let alone = clips::labels(&clip.directory).is_none();
         let path = if alone { &clip.input } else { &clip.directory };
-        let row = Row {
+        let row = ManifestRow {
             clip: clip.name.clone(),
             split: splits.folders[splits.split[number]].display().to_string(),
             path: below(&folder, path),
@@ -139,10 +139,10 @@ impl Manifest {
     /// [`Error`] where it cannot be read; [`FleetError::Manifest`] where it makes no sense.
     pub fn read(path: &Path, names: &[String]) -> Result<Self, Error> {
         let bytes = fs::read(path).map_err(Error::read(path))?;
-        let mut rows: Vec<Row> = Vec::new();
+        let mut rows: Vec<ManifestRow> = Vec::new();
         let mut known = BTreeSet::new();
         for row in csv::Reader::from_reader(bytes.as_slice()).deserialize() {
-            let row: Row = row.map_err(|error| {
+            let row: ManifestRow = row.map_err(|error| {
                 let line = error.position().map_or(1, csv::Position::line);
                 wrong(path, line, &error)
             })?;
@@ -169,7 +169,7 @@ impl Manifest {
     /// The splits without clips, and the number of each row's split.
     pub fn splits(&self) -> (Splits, Vec<usize>) {
         let mut folders: Vec<PathBuf> = Vec::new();
-        let mut number = |row: &Row| {
+        let mut number = |row: &ManifestRow| {
             let folder = PathBuf::from(&row.split);
             folders.iter().position(|known| *known == folder).unwrap_or_else(|| {
                 folders.push(folder);
@@ -182,7 +182,7 @@ impl Manifest {
     }
 }
 
-impl Row {
+impl ManifestRow {
     /// The facts of its tags.
     ///
     /// # Errors

@@ -7,8 +7,8 @@ use super::settings::{self, RunFile};
 use crate::shell::error::Error;
 use crate::shell::evaluate::clip_run::ClipResult;
 use crate::shell::evaluate::settle;
-use crate::shell::evaluate::splits::{Broken, Splits};
-use crate::shell::evaluate::summary::{Parts, Summary};
+use crate::shell::evaluate::splits::{Splits, UnusableClip};
+use crate::shell::evaluate::summary::{EvaluationSummary, SummaryInputs};
 use crate::shell::pipeline::ModelFile;
 use crate::shell::support::interrupt::Ended;
 use std::collections::BTreeMap;
@@ -56,9 +56,11 @@ pub fn run(args: &MergeArgs) -> Result<Ended, Error> {
     }
     let results = settle::settle(tried, &mut splits, None);
     let reason = String::from("no result yet");
-    splits.broken.extend(missing.into_iter().map(|clip| Broken { clip, reason: reason.clone() }));
+    splits
+        .broken
+        .extend(missing.into_iter().map(|clip| UnusableClip { clip, reason: reason.clone() }));
     if !results.is_empty() {
-        let parts = Parts {
+        let parts = SummaryInputs {
             method: None,
             splits: &splits,
             results: &results,
@@ -67,7 +69,7 @@ pub fn run(args: &MergeArgs) -> Result<Ended, Error> {
             tracks: common.tracks,
             assumed_fov: common.assumed_fov,
         };
-        Summary::new(parts).print(parts, args.json)?;
+        EvaluationSummary::new(parts).print(parts, args.json)?;
     }
     splits.note_labels();
     splits.complain()?;

@@ -7,7 +7,7 @@ use super::FleetError;
 use crate::shell::error::Error;
 use crate::shell::evaluate::clip_run::{ClipResult, ScanCounts};
 use crate::shell::evaluate::facts::Facts;
-use crate::shell::evaluate::matching::Found;
+use crate::shell::evaluate::matching::DetectionRecord;
 use crate::shell::evaluate::registration::ClipRegistration;
 use crate::shell::evaluate::track_metrics::ClipTracks;
 use crate::shell::formats::clips::{Clip, GroundTruth};
@@ -25,7 +25,7 @@ use std::{format, vec};
 
 /// What is known of a clip after its turn.
 #[derive(Debug)]
-pub struct Outcome {
+pub struct ClipOutcome {
     /// The clip; its files are not looked for again.
     pub clip: Clip,
     /// Facts of it.
@@ -34,7 +34,7 @@ pub struct Outcome {
     pub result: Result<ClipResult, String>,
 }
 
-impl Outcome {
+impl ClipOutcome {
     /// A clip of which nothing is known but that it can never be measured.
     pub fn broken(clip: &str, reason: &str) -> Self {
         let clip = Clip {
@@ -72,14 +72,14 @@ struct Name {
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(untagged)]
-enum Line {
+enum OutcomeLine {
     Found(u64, f64, f64, f64, f64, f64),
     Time { ms: f64 },
 }
 
 /// The bytes of a file.
-pub fn encode(outcome: Outcome) -> Vec<u8> {
-    let Outcome { clip, facts, result } = outcome;
+pub fn encode(outcome: ClipOutcome) -> Vec<u8> {
+    let ClipOutcome { clip, facts, result } = outcome;
     let (result, broken) = match result {
         Ok(result) => (result, None),
         Err(reason) => (ClipResult::default(), Some(reason)),
@@ -99,9 +99,9 @@ pub fn encode(outcome: Outcome) -> Vec<u8> {
     };
     let found = result.found.iter().map(|found| {
         let [left, top, width, height] = found.rect;
-        Line::Found(found.frame, left, top, width, height, found.score)
+        OutcomeLine::Found(found.frame, left, top, width, height, found.score)
     });
-    let times = result.times_ms.iter().map(|&ms| Line::Time { ms });
+    let times = result.times_ms.iter().map(|&ms| OutcomeLine::Time { ms });
     let json = "numbers and names always make JSON";
     let mut bytes = serde_json::to_vec(&head).expect(json);
     for line in found.chain(times) {
@@ -116,7 +116,7 @@ pub fn encode(outcome: Outcome) -> Vec<u8> {
 ///
 /// # Errors
 /// [`FileError::Read`], or [`FleetError::Result`] for another file.
-pub fn read(path: &Path) -> Result<Outcome, Error> {
+pub fn read(path: &Path) -> Result<ClipOutcome, Error> {
     let mut lines = open(path)?;
     let head: Head = parse(path, &next(path, &mut lines)?)?;
     let mut result = ClipResult {
@@ -134,13 +134,13 @@ pub fn read(path: &Path) -> Result<Outcome, Error> {
         if line.is_empty() {
             break;
         }
-        if let Line::Found(frame, left, top, width, height, score) = parse(path, &line)? {
-            result.found.push(Found { frame, rect: [left, top, width, height], score });
+        if let OutcomeLine::Found(frame, left, top, width, height, score) = parse(path, &line)? {
+            result.found.push(DetectionRecord { frame, rect: [left, top, width, height], score });
         }
     }
-    let clip = Clip { ground_truth: head.ground_truth, ..Outcome::broken(&head.clip, "").clip };
+    let clip = Clip { ground_truth: head.ground_truth, ..ClipOutcome::broken(&head.clip, "").clip };
     let result = head.broken.map_or(Ok(result), Err);
-    Ok(Outcome { clip, facts: head.facts, result })
+    Ok(ClipOutcome { clip, facts: head.facts, result })
 }
 
 /// The name of the clip that a file is of.
@@ -157,10 +157,10 @@ pub fn name(path: &Path) -> Result<String, Error> {
 /// As [`read`].
 pub fn broken(path: &Path) -> Result<Option<String>, Error> {
     #[derive(Deserialize)]
-    struct Broken {
+    struct BrokenHead {
         broken: Option<String>,
     }
-    Ok(parse::<Broken>(path, &next(path, &mut open(path)?)?)?.broken)
+    Ok(parse::<BrokenHead>(path, &next(path, &mut open(path)?)?)?.broken)
 }
 
 fn open(path: &Path) -> Result<BufReader<File>, Error> {
@@ -251,8 +251,8 @@ mod tests {
         fn numbers_read_back_to_the_last_bit(
             rects: Vec<[i32; 4]>, score in -1e3..1e3f64, rate in 1e-3..1e3f64, textures in prop::collection::vec(0.0..255.0f64, 0..9),
         ) {
-            let found: Vec<Found> = rects.iter().zip(1..).map(|(rect, frame)| {
-                Found { frame, rect: rect.map(|v| f64::from(v) / 16.0), score: score / frame as f64 }
+            let found: Vec<DetectionRecord> = rects.iter().zip(1..).map(|(rect, frame)| {
+                DetectionRecord { frame, rect: rect.map(|v| f64::from(v) / 16.0), score: score / frame as f64 }
             }).collect();
             let clip = clip("1,1,0.3,0.7,20.1,20\n3,2,1,1,9,9,1,4\n");
             let result = ClipResult {
@@ -260,7 +260,7 @@ mod tests {
                 times_ms: vec![1.5; 7], ..ClipResult::default()
             };
             let facts = Facts { rate, kind: Some("hover".into()), ..Facts::default() };
-            let outcome = Outcome { clip: clip.clone(), facts: facts.clone(), result: Ok(result) };
+            let outcome = ClipOutcome { clip: clip.clone(), facts: facts.clone(), result: Ok(result) };
             let file = tempfile::NamedTempFile::new().unwrap();
             fs::write(file.path(), encode(outcome)).unwrap();
             let back = read(file.path()).unwrap();

@@ -1,7 +1,7 @@
 //! `lookout eval --manifest M --out DIR`: the clips of a shard, each result a file.
 
-use super::manifest::{Manifest, Row};
-use super::outcome::{self, Outcome};
+use super::manifest::{Manifest, ManifestRow};
+use super::outcome::{self, ClipOutcome};
 use super::settings::{self, RunFile};
 use super::shard::Shard;
 use super::{FleetError, fetch};
@@ -42,7 +42,7 @@ pub struct ShardArgs<'a> {
 
 /// One clip of a shard after its turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Turn {
+enum ClipTurn {
     /// Its result was there.
     Before,
     /// Measured now.
@@ -81,7 +81,7 @@ pub fn run(args: ShardArgs<'_>) -> Result<Ended, Error> {
     };
     common.write(args.out, file.bytes(), &args.manifest.bytes)?;
     interrupt::watch()?;
-    let rows: Vec<&Row> = {
+    let rows: Vec<&ManifestRow> = {
         let rows = args.manifest.rows.iter().enumerate();
         rows.filter(|(place, _)| shard.holds(*place)).map(|(_, row)| row).collect()
     };
@@ -91,16 +91,16 @@ pub fn run(args: ShardArgs<'_>) -> Result<Ended, Error> {
         follow: Some(follow),
         out: None,
     };
-    let work = |index: usize, row: &&Row| turn(&args, &common, settings, index, row);
+    let work = |index: usize, row: &&ManifestRow| turn(&args, &common, settings, index, row);
     let Some(turns) = on_clips::<_, Error, _>(&rows, args.jobs, &work)? else {
         eprintln!(
             "lookout: interrupted; the results so far are complete, the same command goes on"
         );
         return Ok(Ended::Interrupted);
     };
-    let count = |turn: Turn| turns.iter().filter(|t| **t == turn).count();
-    let [now, before] = [Turn::Now, Turn::Before].map(count);
-    let [broken, unread, all] = [count(Turn::Broken), count(Turn::Unread), turns.len()];
+    let count = |turn: ClipTurn| turns.iter().filter(|t| **t == turn).count();
+    let [now, before] = [ClipTurn::Now, ClipTurn::Before].map(count);
+    let [broken, unread, all] = [count(ClipTurn::Broken), count(ClipTurn::Unread), turns.len()];
     let Shard { index, count } = shard;
     eprintln!("lookout: shard {index}/{count}: {now} clips measured, {before} were before");
     match (unread, broken) {
@@ -127,13 +127,13 @@ fn turn(
     common: &RunFile,
     settings: RunSettings<'_>,
     index: usize,
-    row: &Row,
-) -> Result<Turn, Error> {
+    row: &ManifestRow,
+) -> Result<ClipTurn, Error> {
     let done = try_turn(args, common, settings, index, row);
     let (turn, reason) = match done {
         Ok((turn, reason)) => (turn, reason),
         Err(error @ Error::File(FileError::Write { .. })) => return Err(error),
-        Err(error) => (Turn::Unread, Some(error.to_string())),
+        Err(error) => (ClipTurn::Unread, Some(error.to_string())),
     };
     if let Some(reason) = reason {
         eprintln!("lookout: {}: {}", row.clip, reason.replace(['\r', '\n'], " "));
@@ -146,8 +146,8 @@ fn try_turn(
     common: &RunFile,
     settings: RunSettings<'_>,
     index: usize,
-    row: &Row,
-) -> Result<(Turn, Option<String>), Error> {
+    row: &ManifestRow,
+) -> Result<(ClipTurn, Option<String>), Error> {
     let fetched = fetch::fetch(row)?;
     let (row, folder) = match &fetched {
         Some(fetched) => (&fetched.row, fetched.folder()),
@@ -161,36 +161,36 @@ fn try_turn(
     let path: PathBuf = settings::clips(args.out).join(name);
     if path.is_file() {
         let reason = outcome::broken(&path)?;
-        return Ok((if reason.is_some() { Turn::Broken } else { Turn::Before }, reason));
+        return Ok((if reason.is_some() { ClipTurn::Broken } else { ClipTurn::Before }, reason));
     }
     let kind = facts.kind.clone();
     let result = match clip_run::run(index, &clip, kind.as_deref(), settings, None) {
         // A decoder that was cut short leaves a result of a part of the frames.
-        Ok(_) if interrupt::requested() => return Ok((Turn::Unread, None)),
+        Ok(_) if interrupt::requested() => return Ok((ClipTurn::Unread, None)),
         Err(error) if is_of_the_machine(&error) => return Err(error),
         Err(error) => Err(error.to_string()),
         Ok(result) => Ok(result),
     };
     let reason = result.as_ref().err().cloned();
-    let bytes = outcome::encode(Outcome { clip, facts, result });
+    let bytes = outcome::encode(ClipOutcome { clip, facts, result });
     atomic_file::write_beside_others(&path, &bytes).map_err(Error::write(&path))?;
-    Ok((if reason.is_some() { Turn::Broken } else { Turn::Now }, reason))
+    Ok((if reason.is_some() { ClipTurn::Broken } else { ClipTurn::Now }, reason))
 }
 
 /// Writes down that a clip's labels or facts make no sense; its contents are then those words.
 fn unreadable(
     args: &ShardArgs<'_>,
     common: &RunFile,
-    row: &Row,
+    row: &ManifestRow,
     error: &Error,
-) -> Result<(Turn, Option<String>), Error> {
+) -> Result<(ClipTurn, Option<String>), Error> {
     let reason = error.to_string();
     let name = outcome::content_of_words(&format!("{row:?} {reason}")) + &common.suffix();
     let path = settings::clips(args.out).join(name);
-    let outcome = Outcome::broken(&row.clip, &reason);
+    let outcome = ClipOutcome::broken(&row.clip, &reason);
     atomic_file::write_beside_others(&path, &outcome::encode(outcome))
         .map_err(Error::write(&path))?;
-    Ok((Turn::Broken, Some(reason)))
+    Ok((ClipTurn::Broken, Some(reason)))
 }
 
 /// Whether an error may be gone on another machine or at another time.

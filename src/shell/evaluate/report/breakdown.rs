@@ -6,7 +6,9 @@
 use super::methods::Detected;
 use crate::shell::evaluate::bootstrap::{Bootstrap, Interval};
 use crate::shell::evaluate::facts::Facts;
-use crate::shell::evaluate::matching::{self, ClipMatches, Found, Match, SIZES, Target};
+use crate::shell::evaluate::matching::{
+    self, ClipMatches, DetectionRecord, ExpectedTarget, Match, SIZES,
+};
 use crate::shell::evaluate::ranking::{ClipCount, Ranking};
 use crate::shell::formats::class::Class;
 use serde::Serialize;
@@ -109,7 +111,7 @@ impl Dimension {
         Some(Self { name: "kind", heading, groups, rule: Rule::Clip(place) })
     }
 
-    fn of_target(&self, clip: usize, target: &Target, contrast: f64) -> usize {
+    fn of_target(&self, clip: usize, target: &ExpectedTarget, contrast: f64) -> usize {
         match &self.rule {
             Rule::Size => matching::size(&target.truth),
             Rule::Class => matching::class(&target.truth),
@@ -119,7 +121,7 @@ impl Dimension {
     }
 
     /// None: it counts in every group.
-    fn of_alarm(&self, clip: usize, found: &Found, contrast: f64) -> Option<usize> {
+    fn of_alarm(&self, clip: usize, found: &DetectionRecord, contrast: f64) -> Option<usize> {
         match &self.rule {
             Rule::Size => Some(matching::size_of(&found.rect)),
             Rule::Class => None,

@@ -2,7 +2,7 @@
 
 use super::breakdown::ClipTruth;
 use super::matched::{IOUS, MethodMatches, hours};
-use super::methods::Method;
+use super::methods::MethodDetections;
 use crate::shell::evaluate::bootstrap::{Bootstrap, Interval, RESAMPLES, SEED, Sampled};
 use crate::shell::evaluate::matching::ClipMatches;
 use crate::shell::evaluate::ranking::{ClipCount, Ranking};
@@ -40,7 +40,7 @@ pub struct CollisionMethod {
 
 /// The figures; none where no flight is on a collision course.
 pub fn figures(
-    methods: &[Method],
+    methods: &[MethodDetections],
     matches: &[MethodMatches],
     truth: &[ClipTruth<'_>],
 ) -> Option<CollisionFigures> {

@@ -3,9 +3,9 @@
 use super::breakdown::{self, ClipTruth, Dimension, GroupFigures};
 use super::collisions::CollisionFigures;
 use super::curves;
-use super::gallery::Strip;
+use super::gallery::Mistake;
 pub use super::matched::{IOUS, MethodMatches, hours, match_method};
-use super::methods::Method;
+use super::methods::MethodDetections;
 use super::regressors::RegressorFigures;
 use crate::shell::evaluate::bootstrap::{Bootstrap, Interval, LEVEL, RESAMPLES, SEED, Sampled};
 use crate::shell::evaluate::matching::{ClipMatches, Match, WARMUP};
@@ -25,7 +25,7 @@ pub const LOOSE: usize = 1;
 
 /// All figures of a report, as written to its JSON.
 #[derive(Debug, Clone, Serialize)]
-pub struct Figures {
+pub struct ReportFigures {
     /// Version of the program.
     pub lookout: &'static str,
     /// The split as the user named it.
@@ -44,9 +44,9 @@ pub struct Figures {
     #[serde(flatten)]
     pub in_use: InUse,
     /// Targets that the first method never found.
-    pub misses: Vec<Strip>,
+    pub misses: Vec<Mistake>,
     /// Its false alarms of highest score.
-    pub false_alarms: Vec<Strip>,
+    pub false_alarms: Vec<Mistake>,
 }
 
 /// Figures of the detector in use.
@@ -55,7 +55,7 @@ pub struct InUse {
     /// Benchmark of the registration.
     pub registration: Option<RegistrationFigures>,
     /// Precision stated by the model against precision found.
-    pub reliability: Vec<reliability::Row>,
+    pub reliability: Vec<reliability::ReliabilityRow>,
     /// False reports an hour where nothing flies.
     pub without_target: Option<WithoutTarget>,
     /// Probability of a track over distance.
@@ -113,7 +113,7 @@ pub struct MethodFigures {
 #[derive(Debug, Clone, Serialize)]
 pub struct AtIou {
     /// Figures that `lookout score` prints.
-    pub score: score::Report,
+    pub score: score::AccuracyReport,
     /// Area under the precision-recall curve.
     #[serde(rename = "AveP")]
     pub average_precision: Interval,
@@ -185,7 +185,7 @@ pub fn bootstrap_figures() -> BootstrapFigures {
 
 /// The figures of all methods.
 pub fn methods(
-    methods: &[Method],
+    methods: &[MethodDetections],
     matches: &[MethodMatches],
     truth: &[ClipTruth<'_>],
 ) -> Vec<MethodFigures> {

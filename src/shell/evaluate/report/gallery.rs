@@ -22,7 +22,7 @@ pub const PER_CLIP: usize = 2;
 const APART: u64 = 15;
 /// A mistake and its picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Strip {
+pub struct Mistake {
     /// Name of the clip.
     pub clip: String,
     /// Its number.
@@ -47,7 +47,7 @@ pub struct Strip {
 }
 
 /// Targets that were found at no score: large and clear ones first.
-pub fn misses(clips: &[Clip], matches: &[ClipMatches], truth: &[ClipTruth<'_>]) -> Vec<Strip> {
+pub fn misses(clips: &[Clip], matches: &[ClipMatches], truth: &[ClipTruth<'_>]) -> Vec<Mistake> {
     let mut all = Vec::new();
     for (index, (clip, (matches, truth))) in clips.iter().zip(matches.iter().zip(truth)).enumerate()
     {
@@ -61,7 +61,7 @@ pub fn misses(clips: &[Clip], matches: &[ClipMatches], truth: &[ClipTruth<'_>]) 
         all.extend(targets.filter(|t| t.1).map(|((target, &contrast), _)| {
             let rect = matching::rect(&target.truth);
             let class = Some(target.truth.class.name());
-            let strip = Strip { class, ..strip(clip, index, target.frame, rect, contrast) };
+            let strip = Mistake { class, ..strip(clip, index, target.frame, rect, contrast) };
             (rect[2].max(rect[3]) * contrast, strip)
         }));
     }
@@ -69,7 +69,11 @@ pub fn misses(clips: &[Clip], matches: &[ClipMatches], truth: &[ClipTruth<'_>]) 
 }
 
 /// False alarms, highest score first.
-pub fn false_alarms(clips: &[Clip], matches: &[ClipMatches], detected: &[Detected]) -> Vec<Strip> {
+pub fn false_alarms(
+    clips: &[Clip],
+    matches: &[ClipMatches],
+    detected: &[Detected],
+) -> Vec<Mistake> {
     let mut all = Vec::new();
     for (index, (clip, (matches, detected))) in
         clips.iter().zip(matches.iter().zip(detected)).enumerate()
@@ -79,14 +83,14 @@ pub fn false_alarms(clips: &[Clip], matches: &[ClipMatches], detected: &[Detecte
             let found = &detected.found[alarm.index];
             let contrast = detected.contrast[alarm.index];
             let strip = strip(clip, index, found.frame, found.rect, contrast);
-            (alarm.score, Strip { score: Some(alarm.score), ..strip })
+            (alarm.score, Mistake { score: Some(alarm.score), ..strip })
         }));
     }
     worst(all)
 }
 
-fn strip(clip: &Clip, index: usize, frame: u64, rect: Box4, contrast: f64) -> Strip {
-    Strip {
+fn strip(clip: &Clip, index: usize, frame: u64, rect: Box4, contrast: f64) -> Mistake {
+    Mistake {
         clip: clip.name.clone(),
         index,
         frame,
@@ -100,14 +104,14 @@ fn strip(clip: &Clip, index: usize, frame: u64, rect: Box4, contrast: f64) -> St
 }
 
 /// The heaviest, few of them from one clip and these some frames apart.
-fn worst(mut all: Vec<(f64, Strip)>) -> Vec<Strip> {
+fn worst(mut all: Vec<(f64, Mistake)>) -> Vec<Mistake> {
     all.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut kept: Vec<Strip> = Vec::new();
+    let mut kept: Vec<Mistake> = Vec::new();
     for (_, strip) in all {
         if kept.len() == COUNT {
             break;
         }
-        let same: Vec<&Strip> = kept.iter().filter(|k| k.index == strip.index).collect();
+        let same: Vec<&Mistake> = kept.iter().filter(|k| k.index == strip.index).collect();
         if same.len() < PER_CLIP && same.iter().all(|k| k.frame.abs_diff(strip.frame) >= APART) {
             kept.push(strip);
         }
@@ -120,7 +124,11 @@ fn worst(mut all: Vec<(f64, Strip)>) -> Vec<Strip> {
 ///
 /// # Errors
 /// Those of the sources.
-pub fn cut(clips: &[Clip], jobs: usize, strips: Vec<Strip>) -> Result<Option<Vec<Strip>>, Error> {
+pub fn cut(
+    clips: &[Clip],
+    jobs: usize,
+    strips: Vec<Mistake>,
+) -> Result<Option<Vec<Mistake>>, Error> {
     let wanted = |index: usize| strips.iter().any(|strip| strip.index == index);
     let needed: Vec<usize> = (0..clips.len()).filter(|&index| wanted(index)).collect();
     if needed.is_empty() {
@@ -128,7 +136,7 @@ pub fn cut(clips: &[Clip], jobs: usize, strips: Vec<Strip>) -> Result<Option<Vec
     }
     let sources: Vec<Clip> = needed.iter().map(|&index| clips[index].clone()).collect();
     let work = |i: usize, clip: &Clip| {
-        let mut mine: Vec<(usize, Strip)> =
+        let mut mine: Vec<(usize, Mistake)> =
             strips.iter().cloned().enumerate().filter(|(_, s)| s.index == needed[i]).collect();
         cut_clip(clip, &mut mine)?;
         Ok(mine)
@@ -139,7 +147,7 @@ pub fn cut(clips: &[Clip], jobs: usize, strips: Vec<Strip>) -> Result<Option<Vec
     Ok(Some(cut.into_iter().map(|c| c.1).filter(|strip| !strip.png.is_empty()).collect()))
 }
 
-fn cut_clip(clip: &Clip, strips: &mut [(usize, Strip)]) -> Result<(), Error> {
+fn cut_clip(clip: &Clip, strips: &mut [(usize, Mistake)]) -> Result<(), Error> {
     let last = strips.iter().map(|(_, strip)| strip.frame).max().unwrap_or(0);
     let mut source = clip.open()?;
     let mut frames: VecDeque<Frame> = VecDeque::new();
@@ -167,7 +175,7 @@ mod tests {
     #[test]
     fn few_of_a_clip_and_apart() {
         let make = |index, frame, weight: f64| {
-            let strip = Strip {
+            let strip = Mistake {
                 clip: String::new(),
                 index,
                 frame,

@@ -1,9 +1,9 @@
 //! The report as one page: style, plots and pictures inside.
 
 use super::elements::{escape, figure, interval, length, number, table};
-use super::figures::{Breakdown, Figures, IOUS, MethodFigures, limit_name};
-use super::gallery::{PER_CLIP, Strip};
-use super::plot::{self, Axis, Line, plot};
+use super::figures::{Breakdown, IOUS, MethodFigures, ReportFigures, limit_name};
+use super::gallery::{Mistake, PER_CLIP};
+use super::plot::{self, Axis, Curve, plot};
 use super::regressors;
 use super::sections;
 use crate::shell::evaluate::bootstrap::{FEWEST_CLIPS, Interval};
@@ -16,7 +16,7 @@ use std::vec;
 use std::vec::Vec;
 
 /// The report as an HTML page.
-pub fn page(figures: &Figures) -> String {
+pub fn page(figures: &ReportFigures) -> String {
     let sections = [
         precision(figures),
         collisions(figures),
@@ -47,7 +47,7 @@ pub fn page(figures: &Figures) -> String {
     )
 }
 
-fn head(figures: &Figures) -> String {
+fn head(figures: &ReportFigures) -> String {
     let flights = &figures.flights;
     let without = match flights.clips_without_target {
         0 => String::new(),
@@ -70,7 +70,7 @@ fn head(figures: &Figures) -> String {
     )
 }
 
-fn legend(figures: &Figures) -> String {
+fn legend(figures: &ReportFigures) -> String {
     let key = |(i, method): (usize, &MethodFigures)| {
         let (r, g, b) = plot::colour(i);
         let name = escape(&method.name);
@@ -79,7 +79,7 @@ fn legend(figures: &Figures) -> String {
     figures.methods.iter().enumerate().map(key).collect()
 }
 
-fn precision(figures: &Figures) -> String {
+fn precision(figures: &ReportFigures) -> String {
     let mut heads = vec!["Method".to_string()];
     heads.extend(IOUS.map(|iou| format!("AveP (IoU {iou})")));
     let paired = figures.methods.len() > 1;
@@ -100,7 +100,7 @@ fn precision(figures: &Figures) -> String {
         cells
     };
     let curves = (0..IOUS.len()).map(|i| {
-        let line = |m: usize, method: &MethodFigures| Line {
+        let line = |m: usize, method: &MethodFigures| Curve {
             method: m,
             points: method.at_iou[i].precision_recall.clone(),
             joined: true,
@@ -117,7 +117,7 @@ fn precision(figures: &Figures) -> String {
     )
 }
 
-fn collisions(figures: &Figures) -> String {
+fn collisions(figures: &ReportFigures) -> String {
     let Some(collisions) = &figures.collisions else { return String::new() };
     let name = figures.methods.first().map_or(String::new(), |first| escape(&first.name));
     let mut heads = vec!["Method".to_string()];
@@ -142,7 +142,7 @@ fn collisions(figures: &Figures) -> String {
     )
 }
 
-fn false_alarms(figures: &Figures) -> String {
+fn false_alarms(figures: &ReportFigures) -> String {
     let mut heads = vec!["Method".to_string()];
     for iou in IOUS {
         heads.extend(FALSE_ALARMS.map(|n| format!("{n} per 1000 (IoU {iou})")));
@@ -162,7 +162,7 @@ fn false_alarms(figures: &Figures) -> String {
         let line = |m: usize, method: &MethodFigures| {
             let low = f64::from(start);
             let place = |p: [f64; 2]| [if p[0] > 0.0 { p[0].log10().max(low) } else { low }, p[1]];
-            Line {
+            Curve {
                 method: m,
                 joined: true,
                 points: hourly(method).into_iter().map(place).collect(),
@@ -181,7 +181,7 @@ fn false_alarms(figures: &Figures) -> String {
     )
 }
 
-fn breakdowns(figures: &Figures) -> String {
+fn breakdowns(figures: &ReportFigures) -> String {
     let count = figures.methods.first().map_or(0, |method| method.breakdowns.len());
     let parts: String = (0..count).map(|i| breakdown(figures, i)).collect();
     format!(
@@ -192,7 +192,7 @@ fn breakdowns(figures: &Figures) -> String {
     )
 }
 
-fn breakdown(figures: &Figures, which: usize) -> String {
+fn breakdown(figures: &ReportFigures, which: usize) -> String {
     let all: Vec<&Breakdown> = figures.methods.iter().map(|m| &m.breakdowns[which]).collect();
     let mut heads = vec!["Group".to_string(), "Method".into(), "Clips".into(), "Targets".into()];
     heads.extend(IOUS.map(|iou| format!("AveP (IoU {iou})")));
@@ -216,7 +216,7 @@ fn breakdown(figures: &Figures, which: usize) -> String {
             // Side by side, so that intervals do not hide each other.
             let shift = (m as f64 - (all.len() - 1) as f64 / 2.0) * 0.5 / all.len() as f64;
             let joined = !["kind", "class"].contains(&all[m].by);
-            let mut line = Line { method: m, joined, ..Line::default() };
+            let mut line = Curve { method: m, joined, ..Curve::default() };
             for (g, group) in all[m].groups.iter().enumerate() {
                 let Interval { value: Some(value), low, high } = group.average_precision[i] else {
                     continue;
@@ -239,7 +239,7 @@ fn breakdown(figures: &Figures, which: usize) -> String {
     )
 }
 
-fn operating_points(figures: &Figures) -> String {
+fn operating_points(figures: &ReportFigures) -> String {
     let heads = [
         "Method",
         "False alarms allowed",
@@ -280,9 +280,9 @@ fn operating_points(figures: &Figures) -> String {
     )
 }
 
-fn gallery(figures: &Figures) -> String {
+fn gallery(figures: &ReportFigures) -> String {
     let name = figures.methods.first().map_or(String::new(), |first| escape(&first.name));
-    let strips = |strips: &[Strip]| {
+    let strips = |strips: &[Mistake]| {
         let inside: String = strips.iter().map(strip).collect();
         if inside.is_empty() {
             "<p>None.</p>\n".into()
@@ -300,7 +300,7 @@ fn gallery(figures: &Figures) -> String {
     )
 }
 
-fn strip(strip: &Strip) -> String {
+fn strip(strip: &Mistake) -> String {
     let [left, top, width, height] = strip.mark.map(|share| share * 100.0);
     let colour = if strip.score.is_some() { "rgb(235,60,40)" } else { "rgb(60,190,80)" };
     let what = match (strip.score, strip.class) {
@@ -320,7 +320,7 @@ fn strip(strip: &Strip) -> String {
     )
 }
 
-fn method(figures: &Figures) -> String {
+fn method(figures: &ReportFigures) -> String {
     let bootstrap = &figures.bootstrap;
     format!(
         "<h2>How this was measured</h2>\n<p>The surest detection of a frame chooses first; it finds the free target with the largest \
@@ -339,6 +339,6 @@ fn method(figures: &Figures) -> String {
     )
 }
 
-fn lines(figures: &Figures, line: impl Fn(usize, &MethodFigures) -> Line) -> Vec<Line> {
+fn lines(figures: &ReportFigures, line: impl Fn(usize, &MethodFigures) -> Curve) -> Vec<Curve> {
     figures.methods.iter().enumerate().map(|(m, method)| line(m, method)).collect()
 }

@@ -1,7 +1,7 @@
 //! Detections of each method, matched to the ground truth of each clip.
 
 use super::breakdown::ClipTruth;
-use super::methods::Method;
+use super::methods::MethodDetections;
 use crate::shell::evaluate::matching::{self, ClipMatches, WARMUP};
 use crate::shell::formats::clips::Clip;
 use std::vec::Vec;
@@ -13,7 +13,7 @@ pub const IOUS: [f64; 2] = [0.5, 0.3];
 pub type MethodMatches = Vec<Vec<ClipMatches>>;
 
 /// Matches a method's detections.
-pub fn match_method(clips: &[Clip], method: &Method) -> MethodMatches {
+pub fn match_method(clips: &[Clip], method: &MethodDetections) -> MethodMatches {
     let matched = |iou| {
         let clips = clips.iter().zip(&method.clips);
         clips

@@ -3,7 +3,7 @@
 use crate::shell::error::Error;
 use crate::shell::evaluate::EvaluateError;
 use crate::shell::evaluate::contrast::contrast;
-use crate::shell::evaluate::matching::{Found, WARMUP, must_be_found};
+use crate::shell::evaluate::matching::{DetectionRecord, WARMUP, must_be_found};
 use crate::shell::formats::clips::Clip;
 use crate::shell::formats::detections;
 use crate::shell::sources::Frame;
@@ -43,7 +43,7 @@ impl External {
 
 /// The detections of a method on every clip.
 #[derive(Debug, Clone)]
-pub struct Method {
+pub struct MethodDetections {
     /// Its name.
     pub name: String,
     /// Detections by clip.
@@ -56,12 +56,12 @@ pub struct Method {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Detected {
     /// In the order of frames.
-    pub found: Vec<Found>,
+    pub found: Vec<DetectionRecord>,
     /// Contrast of what each of them holds, grey levels.
     pub contrast: Vec<f64>,
 }
 
-impl Method {
+impl MethodDetections {
     /// Reads CLIP.txt of every clip; a clip without a file has no detections.
     ///
     /// # Errors
@@ -98,7 +98,7 @@ pub fn path_of(folder: &Path, clip: &Clip) -> PathBuf {
 
 /// Measurements on the frames of a clip.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Seen {
+pub struct FrameMeasurements {
     /// Contrast of each target that must be found, grey levels.
     pub targets: Vec<f64>,
     /// Contrast of our detections.
@@ -111,22 +111,25 @@ pub struct Seen {
 
 /// Measures while our detector goes over the frames of a clip.
 #[derive(Debug)]
-pub struct Watch<'a> {
+pub struct MeasuringObserver<'a> {
     clip: &'a Clip,
-    others: Vec<&'a [Found]>,
-    seen: Seen,
+    others: Vec<&'a [DetectionRecord]>,
+    seen: FrameMeasurements,
 }
 
-impl<'a> Watch<'a> {
+impl<'a> MeasuringObserver<'a> {
     /// For clip number `index`.
-    pub fn new(clip: &'a Clip, index: usize, others: &'a [Method]) -> Self {
-        let seen = Seen { others: vec![Vec::new(); others.len()], ..Seen::default() };
+    pub fn new(clip: &'a Clip, index: usize, others: &'a [MethodDetections]) -> Self {
+        let seen = FrameMeasurements {
+            others: vec![Vec::new(); others.len()],
+            ..FrameMeasurements::default()
+        };
         let others = others.iter().map(|m| m.clips[index].found.as_slice()).collect();
         Self { clip, others, seen }
     }
 
     /// Measures a frame, in the order of frames; `ours` is what our detector found in it.
-    pub fn frame(&mut self, number: u64, frame: &Frame, ours: &[Found], time_ms: f64) {
+    pub fn frame(&mut self, number: u64, frame: &Frame, ours: &[DetectionRecord], time_ms: f64) {
         self.seen.times_ms.push(time_ms);
         self.seen.ours.extend(ours.iter().map(|found| contrast(frame, &found.rect)));
         if number > WARMUP {
@@ -143,7 +146,7 @@ impl<'a> Watch<'a> {
     }
 
     /// Contrast of labels and detections; none behind the last frame.
-    pub fn finish(mut self) -> Seen {
+    pub fn finish(mut self) -> FrameMeasurements {
         let targets = self.clip.ground_truth.boxes();
         let targets = targets.filter(|(frame, t)| *frame > WARMUP && must_be_found(t)).count();
         self.seen.targets.resize(targets, 0.0);

@@ -14,9 +14,9 @@ mod regressors;
 mod sections;
 
 pub use figures::{IOUS, InUse, LOOSE};
-pub use methods::{External, Seen, Watch, path_of, readable};
+pub use methods::{External, FrameMeasurements, MeasuringObserver, path_of, readable};
 
-use super::matching::{Found, WARMUP};
+use super::matching::{DetectionRecord, WARMUP};
 use super::splits::{Splits, keep};
 use crate::model::Model;
 use crate::shell::error::Error;
@@ -26,8 +26,8 @@ use crate::shell::pipeline::DetectorArgs;
 use crate::shell::support::file_error::FileError;
 use crate::shell::support::interrupt::Ended;
 use breakdown::ClipTruth;
-use figures::Figures;
-use methods::{Detected, Method, OURS, median};
+use figures::ReportFigures;
+use methods::{Detected, MethodDetections, OURS, median};
 use regressors::RegressorFigures;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -56,7 +56,7 @@ impl ReportArgs {
 #[derive(Debug)]
 pub struct Plan {
     folder: PathBuf,
-    others: Vec<Method>,
+    others: Vec<MethodDetections>,
     regressors: Option<RegressorFigures>,
 }
 
@@ -67,9 +67,9 @@ impl Plan {
     /// [`Error`] naming the file and the line, or the folder that cannot be made.
     pub fn new(args: &ReportArgs, splits: &Splits) -> Result<Option<Self>, Error> {
         let Some(folder) = &args.report else { return Ok(None) };
-        let mut others: Vec<Method> = Vec::new();
+        let mut others: Vec<MethodDetections> = Vec::new();
         for external in &args.external {
-            let method = Method::read(external, &splits.clips)?;
+            let method = MethodDetections::read(external, &splits.clips)?;
             if others.iter().any(|other| other.name == method.name) {
                 return Err(EvaluateError::SameName { name: method.name }.into());
             }
@@ -92,20 +92,24 @@ impl Plan {
     pub fn add(
         &mut self,
         name: String,
-        clips: Vec<Vec<Found>>,
+        clips: Vec<Vec<DetectionRecord>>,
         times_ms: Vec<f64>,
     ) -> Result<(), Error> {
         if self.others.iter().any(|other| other.name == name) {
             return Err(EvaluateError::SameName { name }.into());
         }
         let clips = clips.into_iter().map(|found| Detected { found, contrast: Vec::new() });
-        self.others.push(Method { name, clips: clips.collect(), median_ms: median(times_ms) });
+        self.others.push(MethodDetections {
+            name,
+            clips: clips.collect(),
+            median_ms: median(times_ms),
+        });
         Ok(())
     }
 
     /// To measure on the frames of clip number `index`.
-    pub fn watch<'a>(&'a self, clip: &'a Clip, index: usize) -> Watch<'a> {
-        Watch::new(clip, index, &self.others)
+    pub fn watch<'a>(&'a self, clip: &'a Clip, index: usize) -> MeasuringObserver<'a> {
+        MeasuringObserver::new(clip, index, &self.others)
     }
 
     /// Measures Algorithm 1 alone on frames of the clips; nothing for a model without regressors or after Ctrl-C.
@@ -132,7 +136,7 @@ impl Plan {
         self,
         splits: &Splits,
         in_use: InUse,
-        runs: Vec<(Vec<Found>, Seen)>,
+        runs: Vec<(Vec<DetectionRecord>, FrameMeasurements)>,
         jobs: usize,
     ) -> Result<Ended, Error> {
         let Self { folder, others, regressors } = self;
@@ -169,7 +173,7 @@ impl Plan {
             return Ok(Ended::Interrupted);
         };
         let (misses, false_alarms) = strips.into_iter().partition(|s| s.score.is_none());
-        let figures = Figures {
+        let figures = ReportFigures {
             lookout: env!("CARGO_PKG_VERSION"),
             data: splits.title(),
             in_use,
@@ -189,8 +193,8 @@ impl Plan {
 }
 
 /// Ours, still without detections, and the others.
-fn with_ours(others: Vec<Method>) -> Vec<Method> {
-    let ours = Method { name: OURS.into(), clips: Vec::new(), median_ms: None };
+fn with_ours(others: Vec<MethodDetections>) -> Vec<MethodDetections> {
+    let ours = MethodDetections { name: OURS.into(), clips: Vec::new(), median_ms: None };
     [ours].into_iter().chain(others).collect()
 }
 

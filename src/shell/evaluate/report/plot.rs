@@ -89,7 +89,7 @@ impl ValueFormatter<f64> for Axis {
 
 /// Curve and style of a method.
 #[derive(Debug, Clone, Default)]
-pub struct Line {
+pub struct Curve {
     /// Its number, for the colour.
     pub method: usize,
     /// Its points.
@@ -101,7 +101,7 @@ pub struct Line {
 }
 
 /// Draws lines into an SVG without fonts or addresses; colours of text and axes are the page's.
-pub fn plot(x: &Axis, y: &Axis, lines: &[Line]) -> String {
+pub fn plot(x: &Axis, y: &Axis, lines: &[Curve]) -> String {
     let mut svg = String::new();
     draw(&mut svg, x, y, lines).expect("a plot in memory meets no fault");
     // Inside a page the name space is known; the page styles what is black.
@@ -109,7 +109,7 @@ pub fn plot(x: &Axis, y: &Axis, lines: &[Line]) -> String {
         .replace("\"#000000\"", "\"currentColor\"")
 }
 
-fn draw(svg: &mut String, x: &Axis, y: &Axis, lines: &[Line]) -> Result<(), Box<dyn Error>> {
+fn draw(svg: &mut String, x: &Axis, y: &Axis, lines: &[Curve]) -> Result<(), Box<dyn Error>> {
     let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
     let mut chart = ChartBuilder::on(&root)
         .margin(12)
@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn a_plot_needs_nothing_from_outside() {
-        let line = Line {
+        let line = Curve {
             method: 0,
             joined: true,
             points: vec![[0.0, 0.5], [1.0, 0.25]],

@@ -1,8 +1,8 @@
 //! Sections of the page about use: reliability, false reports, range of detection, registration.
 
 use super::elements::{figure, length, number, table};
-use super::figures::{Figures, IOUS, LOOSE};
-use super::plot::{Axis, Line, plot};
+use super::figures::{IOUS, LOOSE, ReportFigures};
+use super::plot::{Axis, Curve, plot};
 use crate::shell::evaluate::ranges::SpanRanges;
 use std::format;
 use std::string::{String, ToString};
@@ -10,7 +10,7 @@ use std::vec;
 use std::vec::Vec;
 
 /// All of them; those without figures are left out.
-pub fn page(figures: &Figures) -> String {
+pub fn page(figures: &ReportFigures) -> String {
     [
         reliability(figures),
         without_target(figures),
@@ -35,11 +35,11 @@ fn with_interval(value: Option<f64>, low: Option<f64>, high: Option<f64>, digits
     }
 }
 
-fn reliability(figures: &Figures) -> String {
+fn reliability(figures: &ReportFigures) -> String {
     if figures.in_use.reliability.is_empty() {
         return String::new();
     }
-    let row = |row: &crate::shell::evaluate::reliability::Row| {
+    let row = |row: &crate::shell::evaluate::reliability::ReliabilityRow| {
         let found = row.found;
         vec![
             format!("{:.2}", row.stated),
@@ -55,9 +55,9 @@ fn reliability(figures: &Figures) -> String {
         Some(([row.stated, value], [row.stated, low, high]))
     });
     let (points, bars): (Vec<_>, Vec<_>) = points.unzip();
-    let found = Line { method: 0, joined: true, points, bars };
+    let found = Curve { method: 0, joined: true, points, bars };
     let honest =
-        Line { method: 7, joined: true, points: vec![[0.0, 0.0], [1.0, 1.0]], ..Line::default() };
+        Curve { method: 7, joined: true, points: vec![[0.0, 0.0], [1.0, 1.0]], ..Curve::default() };
     let (x, y) = (Axis::share("precision stated"), Axis::share("precision found"));
     let svg = plot(&x, &y, &[found, honest]);
     let names = ["Precision stated", "Score from", "Detections", "Precision found", "Recall"];
@@ -71,7 +71,7 @@ fn reliability(figures: &Figures) -> String {
     )
 }
 
-fn without_target(figures: &Figures) -> String {
+fn without_target(figures: &ReportFigures) -> String {
     let Some(quiet) = &figures.in_use.without_target else { return String::new() };
     let rows = quiet.rows().into_iter().map(|(name, rate)| {
         let interval = with_interval(rate.per_hour, rate.low, rate.high, 1);
@@ -95,9 +95,9 @@ fn ranges(groups: &[SpanRanges]) -> String {
     let line = |(number, group): (usize, &SpanRanges)| {
         let points = group.bins.iter().enumerate();
         let points = points.filter_map(|(x, bin)| Some([x as f64, bin.tracked?])).collect();
-        Line { method: number, joined: true, points, bars: Vec::new() }
+        Curve { method: number, joined: true, points, bars: Vec::new() }
     };
-    let lines: Vec<Line> = groups.iter().enumerate().map(line).collect();
+    let lines: Vec<Curve> = groups.iter().enumerate().map(line).collect();
     let svg = plot(&Axis::groups("distance (m)", &names), &Axis::share("P(track)"), &lines);
     let key = |(i, group): (usize, &SpanRanges)| {
         let (r, g, b) = super::plot::colour(i);
@@ -125,7 +125,7 @@ fn ranges(groups: &[SpanRanges]) -> String {
     )
 }
 
-fn registration(figures: &Figures) -> String {
+fn registration(figures: &ReportFigures) -> String {
     let Some(registration) = figures.in_use.registration.filter(|r| r.frames > 0) else {
         return String::new();
     };

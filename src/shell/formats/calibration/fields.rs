@@ -22,12 +22,12 @@ pub(super) fn document(text: &str) -> Result<Value, CalibrationError> {
 
 /// The fields of the one camera in a file.
 #[derive(Debug)]
-pub(super) struct Fields {
+pub(super) struct CameraFields {
     /// Name as written, name as compared, value.
     pub(super) entries: Vec<(String, String, Value)>,
 }
 
-impl Fields {
+impl CameraFields {
     pub(super) fn of(value: &Value) -> Result<Self, CalibrationError> {
         let fields = Self::list(value);
         // Kalibr has a table for each camera.

@@ -14,7 +14,7 @@ pub use error::CalibrationError;
 
 use crate::camera::{Camera, Intrinsics, Lens};
 use crate::math::real::{Real, ZERO};
-use fields::{Fields, document, numbers};
+use fields::{CameraFields, document, numbers};
 use serde_yaml_ng::Value;
 use std::borrow::ToOwned;
 use std::string::String;
@@ -41,7 +41,7 @@ const MODEL: &[&str] = &["distortionmodel", "cameramodel", "model"];
 /// # Errors
 /// [`CalibrationError`].
 pub fn parse(text: &str) -> Result<Camera, CalibrationError> {
-    let fields = Fields::of(&document(text)?)?;
+    let fields = CameraFields::of(&document(text)?)?;
     fields.refuse_cut()?;
     let (width, height) = fields.size()?;
     let [fx, fy, cx, cy] = fields.pinhole()?;
@@ -65,7 +65,7 @@ fn real(name: &'static str, value: f64) -> Result<Real, CalibrationError> {
     }
 }
 
-impl Fields {
+impl CameraFields {
     fn size(&self) -> Result<(u32, u32), CalibrationError> {
         let side = |(name, value): (&str, &Value)| {
             let side = value.as_u64().and_then(|side| u32::try_from(side).ok());
@@ -128,7 +128,7 @@ impl Fields {
     fn lens(&self) -> Result<Lens, CalibrationError> {
         let model = self.model()?;
         let k = match (self.get(COEFFICIENTS)?, model) {
-            (Some((_, Value::Null)), _) | (None, Some(Model::None)) => Vec::new(),
+            (Some((_, Value::Null)), _) | (None, Some(DistortionModel::None)) => Vec::new(),
             (Some((name, value)), _) => numbers(name, value)?,
             (None, _) => {
                 return Err(CalibrationError::Missing {
@@ -163,17 +163,17 @@ impl Fields {
             Ok(Lens::Polynomial(all))
         };
         match model {
-            Some(Model::Fisheye) => fisheye(),
+            Some(DistortionModel::Fisheye) => fisheye(),
             // OpenCV names no model in its own files, and both of its models may have four.
             None if reals.len() == 4 => Err(CalibrationError::Coefficients {
                 count: 4,
                 model: "a file that names no model",
                 expected: "5 or more; say which: distortion_model: plumb_bob (k1, k2, p1, p2) or fisheye (k1, k2, k3, k4)",
             }),
-            Some(Model::Polynomial) | None => polynomial(),
+            Some(DistortionModel::Polynomial) | None => polynomial(),
             // A driver without a model says so with zeros.
-            Some(Model::None) if reals.iter().all(|k| *k == ZERO) => Ok(Lens::PINHOLE),
-            Some(Model::None) => Err(CalibrationError::Coefficients {
+            Some(DistortionModel::None) if reals.iter().all(|k| *k == ZERO) => Ok(Lens::PINHOLE),
+            Some(DistortionModel::None) => Err(CalibrationError::Coefficients {
                 count: reals.len(),
                 model: "no model",
                 expected: "none but zeros; name the model as distortion_model",
@@ -182,8 +182,8 @@ impl Fields {
     }
 
     /// The lens model by all fields that name one; `None` where there is no such field.
-    fn model(&self) -> Result<Option<Model>, CalibrationError> {
-        let mut found: Option<(&str, Model)> = None;
+    fn model(&self) -> Result<Option<DistortionModel>, CalibrationError> {
+        let mut found: Option<(&str, DistortionModel)> = None;
         for (name, compared, value) in &self.entries {
             let model = if MODEL.contains(&compared.as_str()) {
                 let text = match value {
@@ -191,11 +191,13 @@ impl Fields {
                     other => other.as_str().unwrap_or("?"),
                 };
                 match text.to_ascii_lowercase().as_str() {
-                    "plumb_bob" | "rational_polynomial" | "radtan" | "opencv" => Model::Polynomial,
-                    "fisheye" | "equidistant" | "opencv_fisheye" | "kannala_brandt" => {
-                        Model::Fisheye
+                    "plumb_bob" | "rational_polynomial" | "radtan" | "opencv" => {
+                        DistortionModel::Polynomial
                     }
-                    "none" | "" => Model::None,
+                    "fisheye" | "equidistant" | "opencv_fisheye" | "kannala_brandt" => {
+                        DistortionModel::Fisheye
+                    }
+                    "none" | "" => DistortionModel::None,
                     // The projection; the distortion has a field of its own.
                     "pinhole" => continue,
                     _ => {
@@ -205,8 +207,8 @@ impl Fields {
                 }
             } else if ["fisheyemodel", "fisheye", "isfisheye"].contains(&compared.as_str()) {
                 match value {
-                    Value::Bool(true) => Model::Fisheye,
-                    Value::Number(number) if number.as_u64() == Some(1) => Model::Fisheye,
+                    Value::Bool(true) => DistortionModel::Fisheye,
+                    Value::Number(number) if number.as_u64() == Some(1) => DistortionModel::Fisheye,
                     Value::Bool(false) => continue,
                     Value::Number(number) if number.as_u64() == Some(0) => continue,
                     _ => {
@@ -254,7 +256,7 @@ impl Fields {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Model {
+enum DistortionModel {
     Polynomial,
     Fisheye,
     None,

@@ -164,9 +164,9 @@ fn times_in_another_form_are_refused() {
 }
 
 /// Gives some bytes, then fails.
-struct Broken<'a>(&'a [u8]);
+struct BrokenReader<'a>(&'a [u8]);
 
-impl Read for Broken<'_> {
+impl Read for BrokenReader<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let count = self.0.read(buffer)?;
         if count == 0 { Err(io::Error::other("bad sector")) } else { Ok(count) }
@@ -176,7 +176,7 @@ impl Read for Broken<'_> {
 #[test]
 fn a_failing_disk_names_the_byte() {
     let (bytes, _) = log(3);
-    let mut reader = Reader::new(Broken(&bytes), Path::new("flight.tlog"));
+    let mut reader = Reader::new(BrokenReader(&bytes), Path::new("flight.tlog"));
     let error = reader.next_record().unwrap_err().to_string();
     assert_eq!(error, std::format!("flight.tlog: byte {}: cannot read: bad sector", bytes.len()));
 }
@@ -223,7 +223,7 @@ proptest! {
         }
         frame.extend(&id.to_le_bytes()[..3]);
         frame.extend(&payload);
-        let known = Frames.extra_crc(id);
+        let known = ArduPilotFrames.extra_crc(id);
         let crc = mavlink_core::calculate_crc(&frame[1..], known.unwrap_or(0));
         frame.extend(crc.to_le_bytes());
         if flags & 1 != 0 {

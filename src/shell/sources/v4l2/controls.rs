@@ -2,7 +2,7 @@
 
 use super::abi::ControlQuery;
 use super::device::Device;
-use super::error::CameraError;
+use super::error::V4l2Error;
 use rustix::io::{Errno, Result};
 use std::borrow::ToOwned;
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use std::{format, str};
 
 /// A control of a camera and the values it takes.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Control {
+pub struct CameraControl {
     /// As `v4l2-ctl` writes it: small letters, digits and underscores, `exposure_time_absolute`.
     pub name: String,
     /// Smallest value; the unit is the driver's.
@@ -25,13 +25,13 @@ pub struct Control {
     /// The value that the driver starts with.
     pub default: i64,
     id: u32,
-    kind: Kind,
+    kind: ControlKind,
     read_only: bool,
 }
 
 /// Kinds of controls whose value is a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum ControlKind {
     Integer,
     /// An integer of 64 bits.
     Integer64,
@@ -41,7 +41,7 @@ enum Kind {
     Bits,
 }
 
-impl Kind {
+impl ControlKind {
     fn new(number: u32) -> Option<Self> {
         match number {
             // Numbers, switches, menus and menus of numbers.
@@ -55,13 +55,13 @@ impl Kind {
     }
 }
 
-impl Control {
+impl CameraControl {
     fn new(query: &ControlQuery) -> Option<Self> {
-        let kind = Kind::new(query.kind)?;
+        let kind = ControlKind::new(query.kind)?;
         if query.flags & ControlQuery::DISABLED != 0 || query.dimensions != 0 {
             return None;
         }
-        let bits = |value: i64| if kind == Kind::Bits { value & 0xffff_ffff } else { value };
+        let bits = |value: i64| if kind == ControlKind::Bits { value & 0xffff_ffff } else { value };
         Some(Self {
             name: plain(text(&query.name)),
             minimum: query.minimum,
@@ -78,16 +78,16 @@ impl Control {
     fn refusal(&self, value: i64) -> Option<String> {
         let Self { minimum, maximum, step, .. } = *self;
         let inside = match self.kind {
-            Kind::Button => true,
-            Kind::Bits => value & !maximum == 0,
+            ControlKind::Button => true,
+            ControlKind::Bits => value & !maximum == 0,
             _ => (minimum..=maximum).contains(&value),
         };
-        let on_step = !matches!(self.kind, Kind::Integer | Kind::Integer64)
+        let on_step = !matches!(self.kind, ControlKind::Integer | ControlKind::Integer64)
             || step < 2
             || value.abs_diff(minimum).is_multiple_of(step);
         if self.read_only {
             Some("it can only be read".to_owned())
-        } else if !inside && self.kind == Kind::Bits {
+        } else if !inside && self.kind == ControlKind::Bits {
             Some(format!("the bits it has are {maximum:#x}"))
         } else if !inside {
             Some(format!("its range is {minimum} to {maximum}"))
@@ -100,7 +100,7 @@ impl Control {
 
     #[expect(clippy::cast_possible_truncation, reason = "the range was checked")]
     fn encode(&self, value: i64) -> [u8; 8] {
-        if self.kind == Kind::Integer64 {
+        if self.kind == ControlKind::Integer64 {
             return value.to_ne_bytes();
         }
         let mut bytes = [0; 8];
@@ -112,15 +112,15 @@ impl Control {
     fn decode(&self, bytes: [u8; 8]) -> i64 {
         let [a, b, c, d, ..] = bytes;
         match self.kind {
-            Kind::Integer64 => i64::from_ne_bytes(bytes),
-            Kind::Bits => u32::from_ne_bytes([a, b, c, d]).into(),
+            ControlKind::Integer64 => i64::from_ne_bytes(bytes),
+            ControlKind::Bits => u32::from_ne_bytes([a, b, c, d]).into(),
             _ => i32::from_ne_bytes([a, b, c, d]).into(),
         }
     }
 }
 
 /// All controls of a device.
-pub fn list(device: &Device) -> Result<Vec<Control>> {
+pub fn list(device: &Device) -> Result<Vec<CameraControl>> {
     let mut controls = Vec::new();
     let mut id = 0;
     loop {
@@ -128,7 +128,7 @@ pub fn list(device: &Device) -> Result<Vec<Control>> {
             // A driver that goes round in circles has been seen once.
             Ok(query) if query.id > id => {
                 id = query.id;
-                controls.extend(Control::new(&query));
+                controls.extend(CameraControl::new(&query));
             }
             // The end, or a driver that has none at all.
             Ok(_) | Err(Errno::INVAL | Errno::NOTTY) => return Ok(controls),
@@ -139,14 +139,14 @@ pub fn list(device: &Device) -> Result<Vec<Control>> {
 
 /// The control that a user names, in any case, blanks as underscores or as they are.
 pub fn find<'a>(
-    controls: &'a [Control],
+    controls: &'a [CameraControl],
     name: &str,
     path: &Path,
-) -> core::result::Result<&'a Control, CameraError> {
+) -> core::result::Result<&'a CameraControl, V4l2Error> {
     let wanted = plain(name);
     controls.iter().find(|control| control.name == wanted).ok_or_else(|| {
         let names: Vec<&str> = controls.iter().map(|control| control.name.as_str()).collect();
-        CameraError::NoControl {
+        V4l2Error::NoControl {
             path: path.into(),
             name: name.to_owned(),
             offered: if names.is_empty() { "none at all".to_owned() } else { names.join(", ") },
@@ -157,11 +157,11 @@ pub fn find<'a>(
 /// Sets one control.
 pub fn set(
     device: &Device,
-    control: &Control,
+    control: &CameraControl,
     value: i64,
     path: &Path,
-) -> core::result::Result<(), CameraError> {
-    let refused = |reason| CameraError::ControlValue {
+) -> core::result::Result<(), V4l2Error> {
+    let refused = |reason| V4l2Error::ControlValue {
         path: path.into(),
         name: control.name.clone(),
         value,
@@ -175,24 +175,24 @@ pub fn set(
         Errno::ACCESS | Errno::BUSY => {
             refused("the camera does not take it now; an automatic control may be on".to_owned())
         }
-        errno => CameraError::system(path, "cannot set a control")(errno),
+        errno => V4l2Error::system(path, "cannot set a control")(errno),
     })
 }
 
 /// Sets all of `values`, those that switch an automatic first: they decide whether the others can be set.
 pub fn set_all(
     device: &Device,
-    controls: &[Control],
+    controls: &[CameraControl],
     values: &BTreeMap<String, i64>,
     path: &Path,
-) -> core::result::Result<(), CameraError> {
-    let mut found: Vec<(&Control, i64)> = Vec::new();
+) -> core::result::Result<(), V4l2Error> {
+    let mut found: Vec<(&CameraControl, i64)> = Vec::new();
     for (name, &value) in values {
         let control = find(controls, name, path)?;
         if found.iter().any(|(other, _)| other.id == control.id) {
             let (path, name) = (path.into(), control.name.clone());
             let reason = "it is set twice, by two spellings of its name".to_owned();
-            return Err(CameraError::ControlValue { path, name, value, reason });
+            return Err(V4l2Error::ControlValue { path, name, value, reason });
         }
         found.push((control, value));
     }
@@ -203,11 +203,11 @@ pub fn set_all(
 /// The value that a control has.
 pub fn value(
     device: &Device,
-    control: &Control,
+    control: &CameraControl,
     path: &Path,
-) -> core::result::Result<i64, CameraError> {
+) -> core::result::Result<i64, V4l2Error> {
     let bytes = device.control(control.id);
-    let bytes = bytes.map_err(CameraError::system(path, "cannot read a control"))?;
+    let bytes = bytes.map_err(V4l2Error::system(path, "cannot read a control"))?;
     Ok(control.decode(bytes))
 }
 
@@ -228,10 +228,10 @@ mod tests {
     use super::*;
     use std::string::ToString;
 
-    fn control(kind: u32, minimum: i64, maximum: i64, step: u64) -> Control {
+    fn control(kind: u32, minimum: i64, maximum: i64, step: u64) -> CameraControl {
         let mut query = ControlQuery { kind, minimum, maximum, step, ..Default::default() };
         query.name[..9].copy_from_slice(b"White (B)");
-        Control::new(&query).unwrap()
+        CameraControl::new(&query).unwrap()
     }
 
     #[test]
@@ -265,7 +265,7 @@ mod tests {
         let bits = control(8, 0, -1, 0);
         assert_eq!(bits.refusal(0xffff_ffff), None);
         assert_eq!(bits.refusal(1 << 32).unwrap(), "the bits it has are 0xffffffff");
-        let locked = Control { read_only: true, ..number };
+        let locked = CameraControl { read_only: true, ..number };
         assert_eq!(locked.refusal(0).unwrap(), "it can only be read");
     }
 

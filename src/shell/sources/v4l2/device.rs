@@ -110,12 +110,12 @@ impl Device {
 
 /// A streaming device and the buffers it fills.
 #[derive(Debug)]
-pub struct Stream {
+pub struct DeviceStream {
     device: Device,
     buffers: Vec<Mapping>,
 }
 
-impl Stream {
+impl DeviceStream {
     /// Maps about `count` buffers (the driver decides), gives it all of them and starts it.
     pub fn start(device: Device, count: u32) -> Result<Self> {
         let mut request =
@@ -146,7 +146,7 @@ impl Stream {
     }
 }
 
-impl Drop for Stream {
+impl Drop for DeviceStream {
     fn drop(&mut self) {
         // A device that is gone has stopped already.
         let _ = self.device.request::<STREAMOFF, u32>(&mut { CAPTURE });

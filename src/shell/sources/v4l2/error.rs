@@ -9,7 +9,7 @@ use std::string::String;
 /// Why a camera gives no pictures or refuses a setting.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum CameraError {
+pub enum V4l2Error {
     /// No frame came in time; the next may.
     #[error("the camera gave no frame in time")]
     Timeout,
@@ -107,7 +107,7 @@ pub enum CameraError {
     },
 }
 
-impl CameraError {
+impl V4l2Error {
     /// Whether the camera is not there (any more): it may come back, as after its cable was pulled.
     pub fn is_gone(&self) -> bool {
         match self {

@@ -4,10 +4,10 @@ use super::abi::{
     ANY_FIELD, Format, INTERLACED, INTERLACED_BOTTOM, INTERLACED_TOP, PROGRESSIVE, StreamParameters,
 };
 use super::device::Device;
-use super::error::CameraError;
-use super::grey::Layout;
-use super::{PixelFormat, Settings};
-use crate::shell::sources::interlaced::Field;
+use super::error::V4l2Error;
+use super::grey::BufferLayout;
+use super::{CameraSettings, PixelFormat};
+use crate::shell::sources::interlaced::FieldOrder;
 use rustix::io::{Errno, Result};
 use std::borrow::ToOwned;
 use std::path::Path;
@@ -15,16 +15,16 @@ use std::string::{String, ToString};
 use std::vec::Vec;
 
 /// Frames a second as a fraction.
-pub type Rate = (u32, u32);
+pub type FrameRate = (u32, u32);
 
 /// Sets format, size and rate. Without a format the first of [`PixelFormat::ALL`] that the camera has in this size and at
 /// this rate; if the rate is out of reach in all of them, the first in this size.
 pub fn agree(
     device: &Device,
     path: &Path,
-    settings: &Settings,
-) -> core::result::Result<(Layout, Option<Rate>), CameraError> {
-    let failed = |request| CameraError::system(path, request);
+    settings: &CameraSettings,
+) -> core::result::Result<(BufferLayout, Option<FrameRate>), V4l2Error> {
+    let failed = |request| V4l2Error::system(path, request);
     let offered = offered(device).map_err(failed("cannot list the formats"))?;
     let known = |format: &PixelFormat| offered.contains(&format.fourcc());
     let wanted: Vec<PixelFormat> = match settings.format {
@@ -33,7 +33,7 @@ pub fn agree(
     };
     let mut slow = None;
     let mut nearest: Option<(PixelFormat, (u32, u32))> = None;
-    let set = |format: PixelFormat| -> core::result::Result<_, CameraError> {
+    let set = |format: PixelFormat| -> core::result::Result<_, V4l2Error> {
         let granted = device.set_format(format.fourcc(), settings.width, settings.height);
         let granted = granted.map_err(failed("cannot set the format"))?;
         let rate = rate(device, settings.rate).map_err(failed("cannot set the rate"))?;
@@ -63,13 +63,13 @@ pub fn agree(
         return Ok((layout(format, &granted, path)?, rate));
     }
     Err(match nearest {
-        Some((format, nearest)) => CameraError::Size {
+        Some((format, nearest)) => V4l2Error::Size {
             path: path.into(),
             format,
             wanted: (settings.width, settings.height),
             nearest,
         },
-        None => CameraError::Format {
+        None => V4l2Error::Format {
             path: path.into(),
             wanted: match settings.format {
                 Some(format) => format.to_string(),
@@ -102,7 +102,7 @@ fn names(formats: &[[u8; 4]]) -> String {
 }
 
 /// Sets the rate if one is given, and returns the camera's rate, if the driver knows it.
-fn rate(device: &Device, wanted: Option<u32>) -> Result<Option<Rate>> {
+fn rate(device: &Device, wanted: Option<u32>) -> Result<Option<FrameRate>> {
     let parameters = match wanted {
         Some(rate) => device.set_rate(rate),
         None => device.stream_parameters(),
@@ -119,7 +119,7 @@ fn rate(device: &Device, wanted: Option<u32>) -> Result<Option<Rate>> {
 }
 
 /// Whether a rate is the one requested within a hundredth: 29.97 is 30. An unknown rate counts as right.
-fn is_reached(rate: Option<Rate>, wanted: Option<u32>) -> bool {
+fn is_reached(rate: Option<FrameRate>, wanted: Option<u32>) -> bool {
     rate.zip(wanted).is_none_or(|((frames, seconds), wanted)| {
         u64::from(frames) * 100 >= u64::from(wanted) * u64::from(seconds) * 99
     })
@@ -129,12 +129,12 @@ fn layout(
     format: PixelFormat,
     granted: &Format,
     path: &Path,
-) -> core::result::Result<Layout, CameraError> {
+) -> core::result::Result<BufferLayout, V4l2Error> {
     let interlaced = match granted.field {
         PROGRESSIVE | ANY_FIELD => None,
-        INTERLACED | INTERLACED_TOP => Some(Field::Top),
-        INTERLACED_BOTTOM => Some(Field::Bottom),
-        field => return Err(CameraError::Fields { path: path.into(), field }),
+        INTERLACED | INTERLACED_TOP => Some(FieldOrder::Top),
+        INTERLACED_BOTTOM => Some(FieldOrder::Bottom),
+        field => return Err(V4l2Error::Fields { path: path.into(), field }),
     };
     let (width, height) = (granted.width as usize, granted.height as usize);
     let limited_range = match (format, granted.quantization) {
@@ -145,7 +145,7 @@ fn layout(
     };
     // A driver may leave out what follows from the width.
     let stride = (granted.bytes_per_line as usize).max(width * format.bytes_per_pixel());
-    Ok(Layout { format, width, height, stride, limited_range, interlaced })
+    Ok(BufferLayout { format, width, height, stride, limited_range, interlaced })
 }
 
 #[cfg(test)]
@@ -178,9 +178,9 @@ mod tests {
         for (field, wanted) in [
             (0, None),
             (1, None),
-            (4, Some(Field::Top)),
-            (8, Some(Field::Top)),
-            (9, Some(Field::Bottom)),
+            (4, Some(FieldOrder::Top)),
+            (8, Some(FieldOrder::Top)),
+            (9, Some(FieldOrder::Bottom)),
         ] {
             assert_eq!(order(field).unwrap().interlaced, wanted);
         }

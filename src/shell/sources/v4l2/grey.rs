@@ -3,12 +3,12 @@
 use super::PixelFormat;
 use super::error::Damaged;
 use super::mjpeg;
-use crate::shell::sources::interlaced::{Field, keep_earlier};
+use crate::shell::sources::interlaced::{FieldOrder, keep_earlier};
 use crate::shell::sources::{Frame, expand};
 
 /// Layout of a stream's pictures in its buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Layout {
+pub struct BufferLayout {
     pub format: PixelFormat,
     /// Width in pixels.
     pub width: usize,
@@ -22,26 +22,26 @@ pub struct Layout {
     /// MJPEG and GREY.
     pub limited_range: bool,
     /// The earlier field, where a picture holds two.
-    pub interlaced: Option<Field>,
+    pub interlaced: Option<FieldOrder>,
 }
 
 /// Turns buffers to frames.
 #[derive(Debug)]
 pub struct Converter {
-    pub layout: Layout,
-    jpeg: mjpeg::Decoder,
+    pub layout: BufferLayout,
+    jpeg: mjpeg::MjpegDecoder,
 }
 
 impl Converter {
-    pub fn new(layout: Layout) -> Self {
-        Self { layout, jpeg: mjpeg::Decoder::default() }
+    pub fn new(layout: BufferLayout) -> Self {
+        Self { layout, jpeg: mjpeg::MjpegDecoder::default() }
     }
 
     /// Writes picture and size to `frame`, reusing its memory, and leaves its time as it is.
     ///
     /// A frame from a damaged buffer has the right size and no meaningful pixels.
     pub fn convert(&mut self, bytes: &[u8], frame: &mut Frame) -> Result<(), Damaged> {
-        let Layout { format, width, height, .. } = self.layout;
+        let BufferLayout { format, width, height, .. } = self.layout;
         (frame.width, frame.height) = (width, height);
         frame.pixels.resize(width * height, 0);
         match format {
@@ -66,7 +66,7 @@ impl Converter {
         at: usize,
         pixels: &mut [u8],
     ) -> Result<(), Damaged> {
-        let Layout { width, height, stride, .. } = self.layout;
+        let BufferLayout { width, height, stride, .. } = self.layout;
         if bytes.len() < stride * (height - 1) + width * N {
             return Err(Damaged);
         }
@@ -86,7 +86,7 @@ mod tests {
     use std::vec::Vec;
 
     /// Luma of the pixel at (x, y), from the formats' definition.
-    fn naive(layout: &Layout, bytes: &[u8], x: usize, y: usize) -> u8 {
+    fn naive(layout: &BufferLayout, bytes: &[u8], x: usize, y: usize) -> u8 {
         let row = y * layout.stride;
         let luma = match layout.format {
             PixelFormat::Yuyv => bytes[row + 4 * (x / 2) + [0, 2][x % 2]],
@@ -100,7 +100,7 @@ mod tests {
         }
     }
 
-    fn layouts() -> impl Strategy<Value = Layout> {
+    fn layouts() -> impl Strategy<Value = BufferLayout> {
         let formats: &[PixelFormat] =
             &[PixelFormat::Grey, PixelFormat::Nv12, PixelFormat::Yuyv, PixelFormat::Uyvy];
         let format = prop::sample::select(formats);
@@ -108,7 +108,7 @@ mod tests {
             |(format, half, height, padding, limited_range)| {
                 let width = 2 * half;
                 let stride = width * format.bytes_per_pixel() + padding;
-                Layout { format, width, height, stride, limited_range, interlaced: None }
+                BufferLayout { format, width, height, stride, limited_range, interlaced: None }
             },
         )
     }

@@ -21,11 +21,11 @@ const AVI: [u8; 18] = *b"\xff\xe0\x00\x10AVI1\0\0\0\0\0\0\0\0\0\0";
 
 /// A decoder with memory of its own.
 #[derive(Debug, Default)]
-pub struct Decoder {
+pub struct MjpegDecoder {
     completed: Vec<u8>,
 }
 
-impl Decoder {
+impl MjpegDecoder {
     /// Fills `pixels` with the luma of a picture that must be of `size`, width and height.
     ///
     /// JPEG has the full range of grey. Many cameras leave out the Huffman tables, which are then the standard's.
@@ -90,7 +90,7 @@ mod tests {
 
     fn decode(bytes: &[u8]) -> Result<Vec<u8>, Damaged> {
         let mut pixels = vec![0; SIZE.0 * SIZE.1];
-        Decoder::default().decode(bytes, SIZE, &mut pixels).map(|()| pixels)
+        MjpegDecoder::default().decode(bytes, SIZE, &mut pixels).map(|()| pixels)
     }
 
     /// A ramp in every colour.

@@ -15,14 +15,14 @@ mod format;
 mod grey;
 pub(in crate::shell) mod mjpeg;
 
-pub use controls::Control;
-pub use error::CameraError;
+pub use controls::CameraControl;
+pub use error::V4l2Error;
 
 use crate::shell::sources::Frame;
 use crate::shell::support::clock::now_us;
 use abi::{Buffer, Capability};
-use device::{Device, Filled, Stream};
-use grey::{Converter, Layout};
+use device::{Device, DeviceStream, Filled};
+use grey::{BufferLayout, Converter};
 use rustix::event::PollFlags;
 use rustix::io::Errno;
 use serde::{Deserialize, Serialize};
@@ -41,7 +41,7 @@ const BUFFERS: u32 = 4;
 
 /// Requested format, rate and controls of a camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Settings {
+pub struct CameraSettings {
     /// Pixels; the camera must have exactly this size.
     pub width: u32,
     /// Height in pixels; the camera must have exactly this size.
@@ -121,7 +121,7 @@ impl FromStr for PixelFormat {
 
 /// Driver's information about a frame; counts are since the frame before.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Taken {
+pub struct DriverInfo {
     /// The driver's count of frames; wraps.
     pub sequence: u32,
     /// Frames that the driver took and had no buffer for: gaps in its count.
@@ -136,42 +136,43 @@ pub struct Taken {
 
 /// An open camera that takes pictures. Dropped, it stops and can be opened again.
 #[derive(Debug)]
-pub struct Camera {
+pub struct V4l2Camera {
     path: PathBuf,
-    controls: Vec<Control>,
-    rate: Option<format::Rate>,
-    stream: Stream,
+    controls: Vec<CameraControl>,
+    rate: Option<format::FrameRate>,
+    stream: DeviceStream,
     converter: Converter,
     /// Of the last buffer that came.
     sequence: Option<u32>,
     /// The counts since the last frame that was given out.
-    since: Taken,
+    since: DriverInfo,
 }
 
-impl Camera {
+impl V4l2Camera {
     /// Opens and sets up the camera of a video node such as `/dev/video0`, and starts it.
     ///
     /// # Errors
-    /// [`CameraError`]; one that [`is_gone`](CameraError::is_gone) may be another next time, the others stay until
+    /// [`V4l2Error`]; one that [`is_gone`](CameraError::is_gone) may be another next time, the others stay until
     /// somebody does something.
-    pub fn open(path: &Path, settings: &Settings) -> Result<Self, CameraError> {
-        let failed = |request| CameraError::system(path, request);
+    pub fn open(path: &Path, settings: &CameraSettings) -> Result<Self, V4l2Error> {
+        let failed = |request| V4l2Error::system(path, request);
         let device = Device::open(path).map_err(|errno| match errno {
-            Errno::BUSY => CameraError::Busy { path: path.into() },
-            _ => CameraError::Open { path: path.into(), source: errno.into() },
+            Errno::BUSY => V4l2Error::Busy { path: path.into() },
+            _ => V4l2Error::Open { path: path.into(), source: errno.into() },
         })?;
         check(&device, path)?;
         let controls = controls::list(&device).map_err(failed("cannot list the controls"))?;
         let (layout, rate) = format::agree(&device, path, settings)?;
         controls::set_all(&device, &controls, &settings.controls, path)?;
-        let stream = Stream::start(device, BUFFERS).map_err(failed("cannot start the camera"))?;
-        let (converter, since) = (Converter::new(layout), Taken::default());
+        let stream =
+            DeviceStream::start(device, BUFFERS).map_err(failed("cannot start the camera"))?;
+        let (converter, since) = (Converter::new(layout), DriverInfo::default());
         Ok(Self { path: path.into(), controls, rate, stream, converter, sequence: None, since })
     }
 
     /// Format of what the camera sends, width and height of the frames.
     pub fn format(&self) -> (PixelFormat, u32, u32) {
-        let Layout { format, width, height, .. } = self.converter.layout;
+        let BufferLayout { format, width, height, .. } = self.converter.layout;
         let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
         (format, side(width), side(height))
     }
@@ -182,15 +183,15 @@ impl Camera {
     }
 
     /// The controls that the camera has.
-    pub fn controls(&self) -> &[Control] {
+    pub fn controls(&self) -> &[CameraControl] {
         &self.controls
     }
 
     /// The value of a control.
     ///
     /// # Errors
-    /// [`CameraError::NoControl`], [`CameraError::Gone`], [`CameraError::System`].
-    pub fn control(&self, name: &str) -> Result<i64, CameraError> {
+    /// [`V4l2Error::NoControl`], [`V4l2Error::Gone`], [`V4l2Error::System`].
+    pub fn control(&self, name: &str) -> Result<i64, V4l2Error> {
         let control = controls::find(&self.controls, name, &self.path)?;
         controls::value(self.stream.device(), control, &self.path)
     }
@@ -198,19 +199,19 @@ impl Camera {
     /// Sets a control, also between frames.
     ///
     /// # Errors
-    /// [`CameraError::NoControl`], [`CameraError::ControlValue`], [`CameraError::Gone`], [`CameraError::System`].
-    pub fn set_control(&mut self, name: &str, value: i64) -> Result<(), CameraError> {
+    /// [`V4l2Error::NoControl`], [`V4l2Error::ControlValue`], [`V4l2Error::Gone`], [`V4l2Error::System`].
+    pub fn set_control(&mut self, name: &str, value: i64) -> Result<(), V4l2Error> {
         let control = controls::find(&self.controls, name, &self.path)?;
         controls::set(self.stream.device(), control, value, &self.path)
     }
 
     /// Waits at most `timeout` for a frame and writes the newest one to `frame`, whose memory it uses again.
     ///
-    /// The frame's time is that of [`Taken::monotonic_us`], or now where the driver gives none.
+    /// The frame's time is that of [`DriverInfo::monotonic_us`], or now where the driver gives none.
     ///
     /// # Errors
-    /// [`CameraError::Timeout`]: call again. [`CameraError::Gone`]: drop the camera, open it again when it is back.
-    pub fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<Taken, CameraError> {
+    /// [`V4l2Error::Timeout`]: call again. [`V4l2Error::Gone`]: drop the camera, open it again when it is back.
+    pub fn next(&mut self, frame: &mut Frame, timeout: Duration) -> Result<DriverInfo, V4l2Error> {
         let start = Instant::now();
         loop {
             self.wait(timeout.saturating_sub(start.elapsed()))?;
@@ -218,32 +219,32 @@ impl Camera {
                 return Ok(taken);
             }
             if start.elapsed() >= timeout {
-                return Err(CameraError::Timeout);
+                return Err(V4l2Error::Timeout);
             }
         }
     }
 
     /// Until there is something to fetch, a frame or the reason why there is none.
-    fn wait(&self, timeout: Duration) -> Result<(), CameraError> {
-        let events = self.stream.device().wait(timeout).map_err(CameraError::gone(&self.path))?;
+    fn wait(&self, timeout: Duration) -> Result<(), V4l2Error> {
+        let events = self.stream.device().wait(timeout).map_err(V4l2Error::gone(&self.path))?;
         if events.intersects(PollFlags::HUP | PollFlags::NVAL) {
-            return Err(CameraError::gone(&self.path)(Errno::NODEV));
+            return Err(V4l2Error::gone(&self.path)(Errno::NODEV));
         }
         if events.contains(PollFlags::ERR) {
             let errno = self.stream.dequeue().err().filter(|errno| *errno != Errno::AGAIN);
-            return Err(CameraError::gone(&self.path)(errno.unwrap_or(Errno::IO)));
+            return Err(V4l2Error::gone(&self.path)(errno.unwrap_or(Errno::IO)));
         }
         Ok(())
     }
 
     /// Takes everything that is ready and converts the newest of it; `None` if nothing of it is whole.
-    fn newest(&mut self, frame: &mut Frame) -> Result<Option<Taken>, CameraError> {
+    fn newest(&mut self, frame: &mut Frame) -> Result<Option<DriverInfo>, V4l2Error> {
         let mut newest: Option<Filled<'_>> = None;
         loop {
             let filled = match self.stream.dequeue() {
                 Ok(filled) => filled,
                 Err(Errno::AGAIN) => break,
-                Err(errno) => return Err(CameraError::gone(&self.path)(errno)),
+                Err(errno) => return Err(V4l2Error::gone(&self.path)(errno)),
             };
             let sequence = filled.buffer().sequence;
             self.since.missed += gap(self.sequence.replace(sequence), sequence);
@@ -261,18 +262,18 @@ impl Camera {
         let monotonic_us = monotonic_us(filled.buffer());
         frame.time_us = monotonic_us.unwrap_or_else(now_us);
         let sequence = filled.buffer().sequence;
-        Ok(Some(Taken { sequence, monotonic_us, ..core::mem::take(&mut self.since) }))
+        Ok(Some(DriverInfo { sequence, monotonic_us, ..core::mem::take(&mut self.since) }))
     }
 }
 
 /// Whether the node gives pictures in a way that is understood.
-fn check(device: &Device, path: &Path) -> Result<(), CameraError> {
-    let no_camera = |reason| CameraError::NoCamera { path: path.into(), reason };
+fn check(device: &Device, path: &Path) -> Result<(), V4l2Error> {
+    let no_camera = |reason| V4l2Error::NoCamera { path: path.into(), reason };
     let capability = match device.capability() {
         Err(Errno::NOTTY | Errno::INVAL) => {
             return Err(no_camera("this is no video node".to_owned()));
         }
-        other => other.map_err(CameraError::system(path, "cannot ask what it is"))?,
+        other => other.map_err(V4l2Error::system(path, "cannot ask what it is"))?,
     };
     let needed = Capability::VIDEO_CAPTURE | Capability::STREAMING;
     if capability.of_node() & needed != needed {
@@ -299,8 +300,14 @@ mod tests {
     use super::*;
     use std::string::ToString;
 
-    fn settings() -> Settings {
-        Settings { width: 640, height: 480, rate: None, format: None, controls: BTreeMap::new() }
+    fn settings() -> CameraSettings {
+        CameraSettings {
+            width: 640,
+            height: 480,
+            rate: None,
+            format: None,
+            controls: BTreeMap::new(),
+        }
     }
 
     #[test]
@@ -324,7 +331,7 @@ mod tests {
 
     #[test]
     fn a_missing_camera_may_come() {
-        let error = Camera::open(Path::new("/dev/nowhere"), &settings()).unwrap_err();
+        let error = V4l2Camera::open(Path::new("/dev/nowhere"), &settings()).unwrap_err();
         assert!(error.is_gone());
         assert!(error.to_string().starts_with("/dev/nowhere: cannot open the camera: "), "{error}");
     }
@@ -332,7 +339,7 @@ mod tests {
     #[test]
     fn what_is_no_camera_never_becomes_one() {
         for path in ["/dev/null", "/dev/zero"] {
-            let error = Camera::open(Path::new(path), &settings()).unwrap_err();
+            let error = V4l2Camera::open(Path::new(path), &settings()).unwrap_err();
             assert!(!error.is_gone());
             let expected = format!("{path}: this is no video node; ");
             assert!(error.to_string().starts_with(&expected), "{error}");

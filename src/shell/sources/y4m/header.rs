@@ -1,6 +1,6 @@
 //! The first line of a y4m stream, and how the samples of its frames lie.
 
-use crate::shell::sources::interlaced::Field;
+use crate::shell::sources::interlaced::FieldOrder;
 use core::str;
 use std::format;
 use std::string::String;
@@ -24,7 +24,7 @@ pub struct Header {
     /// Whether luma is black at 16 and white at 235, times 2^(depth - 8).
     pub limited_range: bool,
     /// The earlier field of an interlaced stream.
-    pub interlaced: Option<Field>,
+    pub interlaced: Option<FieldOrder>,
     /// Whether a line `FRAME` begins every frame.
     pub framed: bool,
 }
@@ -49,8 +49,8 @@ impl Header {
                 Some(("C", value)) => samples = value,
                 Some(("X", value)) => full_range |= value.eq_ignore_ascii_case("COLORRANGE=FULL"),
                 // Mixed streams say for each frame which field is the earlier one; nearly always the top one.
-                Some(("I", "t" | "m")) => interlaced = Some(Field::Top),
-                Some(("I", "b")) => interlaced = Some(Field::Bottom),
+                Some(("I", "t" | "m")) => interlaced = Some(FieldOrder::Top),
+                Some(("I", "b")) => interlaced = Some(FieldOrder::Bottom),
                 // Aspect and comments do not change the samples.
                 _ => {}
             }

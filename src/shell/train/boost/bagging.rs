@@ -3,7 +3,7 @@
 //! Each tree learns from a bootstrap sample of the rows, and each of its nodes chooses among a random subset of the
 //! features. A leaf holds log-odds; the forest's score is the mean of its trees.
 
-use super::grow::{Limits, Row, grow};
+use super::grow::{BoostRow, Limits, grow};
 use super::{
     BoostError, Data, Loss, MAX_TREES, SplitMix64, TrainedForest, TrainedTree, draw, node_of,
 };
@@ -81,7 +81,7 @@ impl Bagging {
             let place = (random.next() % used.len() as u64) as usize;
             drawn[place] = drawn[place].saturating_add(1);
         }
-        let rows: Vec<Row> = used
+        let rows: Vec<BoostRow> = used
             .iter()
             .zip(&drawn)
             .filter(|(_, times)| **times > 0)
@@ -89,7 +89,7 @@ impl Bagging {
                 let weight = data.weights[row] * f32::from(times);
                 // Of the squared loss: splits are those of Gini's impurity, a leaf is the mean label.
                 let gradient = -weight * data.targets[row];
-                Row { row: row as u32, gradient, hessian: weight }
+                BoostRow { row: row as u32, gradient, hessian: weight }
             })
             .collect();
         let asked = draw(&mut random, data.samples.features(), self.tree_features);
@@ -118,7 +118,7 @@ impl Bagging {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Samples;
+    use super::super::BinnedSamples;
     use super::*;
 
     const BAGGING: Bagging = Bagging {
@@ -151,12 +151,12 @@ mod tests {
     #[test]
     fn a_disc_is_learned_and_unseen_points_are_known() {
         let (columns, targets) = disc(1, 2000);
-        let samples = Samples::from_columns(columns, 63).unwrap();
+        let samples = BinnedSamples::from_columns(columns, 63).unwrap();
         let weights = vec![1.0; 2000];
         let data = Data { samples: &samples, targets: &targets, weights: &weights };
         let forest = BAGGING.run(data, go_on).unwrap();
         let (unseen, truth) = disc(2, 1000);
-        let unseen = Samples::with_edges(samples.edges().to_vec(), 1000, unseen).unwrap();
+        let unseen = BinnedSamples::with_edges(samples.edges().to_vec(), 1000, unseen).unwrap();
         let rows: Vec<usize> = (0..1000).collect();
         let right = forest.running_scores(&unseen, &rows).unwrap();
         let right = right
@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn trees_are_not_alike_and_may_end_early() {
         let (columns, targets) = disc(1, 300);
-        let samples = Samples::from_columns(columns, 63).unwrap();
+        let samples = BinnedSamples::from_columns(columns, 63).unwrap();
         let mut weights = vec![1.0; 300];
         let data = Data { samples: &samples, targets: &targets, weights: &weights };
         let mut left = 3;

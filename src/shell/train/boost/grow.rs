@@ -4,7 +4,7 @@
 //! threads grows the same tree, and the histogram of a node minus that of one child is exactly that of the other.
 
 use super::SplitMix64;
-use super::samples::Samples;
+use super::samples::BinnedSamples;
 #[cfg(feature = "rayon")]
 use rayon::prelude::*;
 use std::ops::{AddAssign, Range, Sub};
@@ -35,7 +35,7 @@ impl Limits {
 
 /// A row in training, with the derivatives of its loss.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Row {
+pub(super) struct BoostRow {
     pub row: u32,
     pub gradient: f32,
     pub hessian: f32,
@@ -55,7 +55,7 @@ impl Split {
 
 /// The number of the leaf that `row` reaches.
 #[inline]
-pub(super) fn leaf_of(splits: &[Split], samples: &Samples, row: usize) -> usize {
+pub(super) fn leaf_of(splits: &[Split], samples: &BinnedSamples, row: usize) -> usize {
     let mut node = 0;
     while let Some(split) = splits.get(node) {
         let right = samples.column(split.feature)[row] > split.cut;
@@ -100,9 +100,9 @@ struct Scale {
 }
 
 impl Scale {
-    fn new(rows: &[Row]) -> Self {
+    fn new(rows: &[BoostRow]) -> Self {
         let row_bits = (rows.len() as u64 + 1).next_power_of_two().ilog2().max(1);
-        let largest = |value: fn(&Row) -> f32| {
+        let largest = |value: fn(&BoostRow) -> f32| {
             let largest = rows.iter().map(value).fold(0.0, f32::max);
             if largest > 0.0 { f64::from(largest) } else { 1.0 }
         };
@@ -114,7 +114,7 @@ impl Scale {
         }
     }
 
-    fn pair(&self, row: &Row) -> (i32, u32) {
+    fn pair(&self, row: &BoostRow) -> (i32, u32) {
         (
             (f64::from(row.gradient) * self.gradient).round() as i32,
             (f64::from(row.hessian) * self.hessian).round() as u32,
@@ -141,7 +141,7 @@ impl Scale {
 
 /// A node of the newest level: its rows, and whether it may be split.
 #[derive(Debug, Clone)]
-struct Open {
+struct OpenNode {
     rows: Range<usize>,
     sum: Sum,
     alive: bool,
@@ -157,13 +157,13 @@ struct Best {
 
 /// A tree in the making.
 struct Grower<'a> {
-    samples: &'a Samples,
+    samples: &'a BinnedSamples,
     limits: Limits,
     scale: Scale,
     /// Row numbers and derivatives, the rows of each open node together, in rising order.
     rows: Vec<u32>,
     pairs: Vec<(i32, u32)>,
-    open: Vec<Open>,
+    open: Vec<OpenNode>,
 }
 
 /// Column of a feature: its histograms for the nodes of the newest level.
@@ -223,7 +223,7 @@ impl Grower<'_> {
     }
 
     /// The best split of a node by one feature, given its histogram.
-    fn best(&self, feature: u16, node: &Open, histogram: &[Sum]) -> Option<Best> {
+    fn best(&self, feature: u16, node: &OpenNode, histogram: &[Sum]) -> Option<Best> {
         if !node.alive {
             return None;
         }
@@ -273,7 +273,7 @@ impl Grower<'_> {
             let Some(Best { split, left, .. }) = split else {
                 // Both children have the node's value, and the left one has its rows.
                 for rows in [node.rows.clone(), node.rows.end..node.rows.end] {
-                    children.push(Open { rows, sum: node.sum, alive: false });
+                    children.push(OpenNode { rows, sum: node.sum, alive: false });
                 }
                 continue;
             };
@@ -294,7 +294,7 @@ impl Grower<'_> {
             }
             let ends = [node.rows.start..middle, middle..node.rows.end];
             for (rows, sum) in ends.into_iter().zip([*left, node.sum - *left]) {
-                children.push(Open { rows, sum, alive: true });
+                children.push(OpenNode { rows, sum, alive: true });
             }
         }
         self.open = children;
@@ -305,8 +305,8 @@ impl Grower<'_> {
 ///
 /// Gives the splits in heap order and each leaf's Newton step.
 pub(super) fn grow(
-    samples: &Samples,
-    rows: &[Row],
+    samples: &BinnedSamples,
+    rows: &[BoostRow],
     features: &[u16],
     limits: Limits,
 ) -> (Vec<Split>, Vec<f64>) {
@@ -322,7 +322,7 @@ pub(super) fn grow(
         scale,
         rows: rows.iter().map(|row| row.row).collect(),
         pairs,
-        open: vec![Open { rows: 0..rows.len(), sum, alive: true }],
+        open: vec![OpenNode { rows: 0..rows.len(), sum, alive: true }],
     };
     let mut columns: Vec<Column> = features
         .iter()
@@ -359,8 +359,8 @@ mod tests {
     use proptest::prelude::*;
 
     /// Loss of the best constants on either side of every split, by the definition.
-    fn brute_force(samples: &Samples, rows: &[Row], limits: Limits) -> f64 {
-        let worth = |side: &dyn Fn(&Row) -> bool| {
+    fn brute_force(samples: &BinnedSamples, rows: &[BoostRow], limits: Limits) -> f64 {
+        let worth = |side: &dyn Fn(&BoostRow) -> bool| {
             let (mut g, mut h, mut n) = (0.0, 0.0, 0);
             for row in rows.iter().filter(|row| side(row)) {
                 g += f64::from(row.gradient);
@@ -374,7 +374,7 @@ mod tests {
         for feature in 0..samples.features() {
             for cut in 0..samples.edges()[usize::from(feature)].len() {
                 let right =
-                    |row: &Row| usize::from(samples.column(feature)[row.row as usize]) > cut;
+                    |row: &BoostRow| usize::from(samples.column(feature)[row.row as usize]) > cut;
                 best = best.max(worth(&right) + worth(&|row| !right(row)));
             }
         }
@@ -385,10 +385,10 @@ mod tests {
         fn case()(rows in 8..60usize)(
             columns in prop::collection::vec(prop::collection::vec(0..12u16, rows), 1..5),
             derivatives in prop::collection::vec((-3.0..3.0f32, 0.1..2.0f32), rows),
-        ) -> (Samples, Vec<Row>) {
+        ) -> (BinnedSamples, Vec<BoostRow>) {
             let rows = (0..).zip(derivatives);
-            let rows = rows.map(|(row, (gradient, hessian))| Row { row, gradient, hessian });
-            (Samples::from_columns(columns, 64).unwrap(), rows.collect())
+            let rows = rows.map(|(row, (gradient, hessian))| BoostRow { row, gradient, hessian });
+            (BinnedSamples::from_columns(columns, 64).unwrap(), rows.collect())
         }
     }
 
@@ -432,7 +432,7 @@ mod tests {
             prop_assert_eq!((splits.len(), leaves.len()), (7, 8));
             // Each subtree is the tree grown on its rows alone.
             for (side, inner, half) in [(0, [1, 3, 4], 0..4), (1, [2, 5, 6], 4..8)] {
-                let part: Vec<Row> = rows.iter().copied()
+                let part: Vec<BoostRow> = rows.iter().copied()
                     .filter(|row| leaf_of(&splits[..1], &samples, row.row as usize) == side)
                     .collect();
                 if splits[0] == Split::LEFT || part.is_empty() {

@@ -18,10 +18,10 @@ pub use forest::{TrainedForest, TrainedTree};
 pub use loss::Loss;
 pub use options::Options;
 pub use reject::reject_thresholds;
-pub use samples::{MAX_EDGES, Samples, SamplesError, bin, edges};
+pub use samples::{BinnedSamples, MAX_EDGES, SamplesError, bin, edges};
 
 use crate::trees::{NEVER_REJECT, Node};
-use grow::{Limits, Row, Split, grow, leaf_of};
+use grow::{BoostRow, Limits, Split, grow, leaf_of};
 use std::ops::ControlFlow;
 use std::vec;
 use std::vec::Vec;
@@ -93,7 +93,7 @@ pub enum BoostError {
 #[derive(Debug, Clone, Copy)]
 pub struct Data<'a> {
     /// Binned features.
-    pub samples: &'a Samples,
+    pub samples: &'a BinnedSamples,
     /// The response of each row, or its label, -1 or 1.
     pub targets: &'a [f32],
     /// The weight of each row, 0 or more.
@@ -122,12 +122,12 @@ impl Data<'_> {
 
 /// Data and the integer scores of their rows so far.
 #[derive(Debug, Clone)]
-struct Scored<'a> {
+struct ScoredRows<'a> {
     data: Data<'a>,
     scores: Vec<i32>,
 }
 
-impl Scored<'_> {
+impl ScoredRows<'_> {
     fn add(&mut self, splits: &[Split], leaves: &[i16]) {
         for (row, score) in self.scores.iter_mut().enumerate() {
             *score += i32::from(leaves[leaf_of(splits, self.data.samples, row)]);
@@ -165,8 +165,8 @@ pub struct Round {
 #[derive(Debug, Clone)]
 pub struct Booster<'a> {
     options: Options,
-    train: Scored<'a>,
-    validation: Option<Scored<'a>>,
+    train: ScoredRows<'a>,
+    validation: Option<ScoredRows<'a>>,
     forest: TrainedForest,
     last: Round,
     best: Round,
@@ -236,7 +236,7 @@ impl<'a> Booster<'a> {
             return Err(BoostError::OtherEdges);
         }
         let scored =
-            |data: Data<'a>| Scored { data, scores: vec![forest.bias; data.samples.rows()] };
+            |data: Data<'a>| ScoredRows { data, scores: vec![forest.bias; data.samples.rows()] };
         let (train, validation) = (scored(train), validation.map(scored));
         let last = Round {
             trees: 0,
@@ -306,8 +306,8 @@ impl<'a> Booster<'a> {
     }
 
     /// The rows of the next tree, with their derivatives.
-    fn rows(&self, random: &mut SplitMix64) -> Vec<Row> {
-        let Scored { data, scores } = &self.train;
+    fn rows(&self, random: &mut SplitMix64) -> Vec<BoostRow> {
+        let ScoredRows { data, scores } = &self.train;
         // Exponential weights shrink from round to round; relative to their mean they stay comparable with λ.
         let unit = if self.options.loss == Loss::Exponential { self.last.train_loss } else { 1.0 };
         let mut rows = Vec::new();
@@ -318,7 +318,7 @@ impl<'a> Booster<'a> {
                 let (gradient, hessian) =
                     self.options.loss.derivatives(f64::from(data.targets[row]), score);
                 let [gradient, hessian] = [gradient, hessian].map(|v| (v * weight / unit) as f32);
-                rows.push(Row { row: row as u32, gradient, hessian });
+                rows.push(BoostRow { row: row as u32, gradient, hessian });
             }
         }
         if self.options.trim > 0.0 {
@@ -381,7 +381,7 @@ impl TrainedForest {
     /// If there is no such row.
     pub fn running_scores(
         &self,
-        samples: &Samples,
+        samples: &BinnedSamples,
         rows: &[usize],
     ) -> Result<Vec<Vec<i32>>, BoostError> {
         let mut running = vec![Vec::with_capacity(self.trees.len()); rows.len()];
@@ -402,7 +402,7 @@ impl TrainedForest {
 }
 
 /// A split as feature and threshold.
-fn node_of(samples: &Samples, split: Split) -> Node {
+fn node_of(samples: &BinnedSamples, split: Split) -> Node {
     if split == Split::LEFT {
         return Node::LEFT;
     }
@@ -411,7 +411,7 @@ fn node_of(samples: &Samples, split: Split) -> Node {
 }
 
 /// A node as a split of bins, if its threshold is one of the edges.
-fn split_at(samples: &Samples, node: Node) -> Option<Split> {
+fn split_at(samples: &BinnedSamples, node: Node) -> Option<Split> {
     if node == Node::LEFT {
         return Some(Split::LEFT);
     }

@@ -5,7 +5,7 @@ use std::vec::Vec;
 /// Most edges of a feature: a bin's number is a byte.
 pub const MAX_EDGES: usize = 255;
 
-/// Why data do not make [`Samples`].
+/// Why data do not make [`BinnedSamples`].
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SamplesError {
     /// More features than their ids can name.
@@ -40,13 +40,13 @@ pub enum SamplesError {
 /// Bin `b` of a value is the number of its feature's edges below the value, so that
 /// `value > edges[k]` is the same as `bin > k`.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Samples {
+pub struct BinnedSamples {
     rows: usize,
     edges: Vec<Vec<u16>>,
     bins: Vec<u8>,
 }
 
-impl Samples {
+impl BinnedSamples {
     /// Bins the features' columns by quantile edges of their own, at most `max_edges` (of [`MAX_EDGES`]) each.
     ///
     /// # Errors
@@ -61,7 +61,7 @@ impl Samples {
         builder.finish()
     }
 
-    /// Samples of `rows` rows that are binned column by column, as by [`Samples::from_columns`].
+    /// Samples of `rows` rows that are binned column by column, as by [`BinnedSamples::from_columns`].
     pub fn builder(rows: usize, max_edges: usize) -> SamplesBuilder {
         let samples = Self { rows, edges: Vec::new(), bins: Vec::new() };
         SamplesBuilder { samples, max_edges }
@@ -138,10 +138,10 @@ impl Samples {
     }
 }
 
-/// Builder of [`Samples`], feature by feature.
+/// Builder of [`BinnedSamples`], feature by feature.
 #[derive(Debug)]
 pub struct SamplesBuilder {
-    samples: Samples,
+    samples: BinnedSamples,
     max_edges: usize,
 }
 
@@ -151,7 +151,7 @@ impl SamplesBuilder {
     /// # Errors
     /// [`SamplesError::Rows`]; [`SamplesError::Edges`] for more fixed edges than there can be.
     pub fn push(&mut self, column: Vec<u16>, fixed: &[u16]) -> Result<(), SamplesError> {
-        let Samples { rows, edges: all, bins } = &mut self.samples;
+        let BinnedSamples { rows, edges: all, bins } = &mut self.samples;
         let room = self.max_edges.min(MAX_EDGES.saturating_sub(fixed.len()));
         let mut edges = edges(&mut column.clone(), room);
         edges.extend(fixed);
@@ -166,7 +166,7 @@ impl SamplesBuilder {
     ///
     /// # Errors
     /// [`SamplesError::TooManyFeatures`].
-    pub fn finish(self) -> Result<Samples, SamplesError> {
+    pub fn finish(self) -> Result<BinnedSamples, SamplesError> {
         self.samples.checked()
     }
 }
@@ -233,21 +233,22 @@ mod tests {
     #[test]
     fn mismatches_are_refused() {
         let rows = |given| SamplesError::Rows { feature: 1, rows: 2, given };
-        assert_eq!(Samples::from_columns([vec![1, 2], vec![1]], 9).unwrap_err(), rows(1));
-        let two = Samples::from_columns([vec![1, 2], vec![4, 9]], 9).unwrap();
-        let mut one = Samples::from_columns([vec![1, 2]], 9).unwrap();
+        assert_eq!(BinnedSamples::from_columns([vec![1, 2], vec![1]], 9).unwrap_err(), rows(1));
+        let two = BinnedSamples::from_columns([vec![1, 2], vec![4, 9]], 9).unwrap();
+        let mut one = BinnedSamples::from_columns([vec![1, 2]], 9).unwrap();
         assert_eq!(one.append(&two), Err(SamplesError::OtherEdges));
-        let unsorted = Samples::with_edges(vec![vec![3, 3]], 1, [vec![1]]);
+        let unsorted = BinnedSamples::with_edges(vec![vec![3, 3]], 1, [vec![1]]);
         assert_eq!(unsorted.unwrap_err(), SamplesError::Edges { feature: 0 });
-        let missing = Samples::with_edges(vec![vec![3], vec![3]], 1, [vec![1]]);
+        let missing = BinnedSamples::with_edges(vec![vec![3], vec![3]], 1, [vec![1]]);
         assert_eq!(missing.unwrap_err(), SamplesError::OtherEdges);
     }
 
     #[test]
     fn appended_rows_follow() {
         let edges = vec![vec![2, 5], vec![7]];
-        let make =
-            |a: Vec<u16>, b| Samples::with_edges(edges.clone(), a.len(), [a.clone(), b]).unwrap();
+        let make = |a: Vec<u16>, b| {
+            BinnedSamples::with_edges(edges.clone(), a.len(), [a.clone(), b]).unwrap()
+        };
         let mut samples = make(vec![1, 9], vec![8, 7]);
         samples.append(&make(vec![3], vec![65535])).unwrap();
         assert_eq!(samples, make(vec![1, 9, 3], vec![8, 7, 65535]));

@@ -35,7 +35,7 @@ fn recovers_a_step_function() {
     // Fewer values than edges: one edge is the step itself.
     let columns = columns(500, 3, 100, 1);
     let targets: Vec<f32> = columns[1].iter().map(|&v| if v > 30 { 4.0 } else { -2.0 }).collect();
-    let samples = Samples::from_columns(columns.clone(), 128).unwrap();
+    let samples = BinnedSamples::from_columns(columns.clone(), 128).unwrap();
     let data = Data { samples: &samples, targets: &targets, weights: &[1.0; 500] };
     let options = Options { rounds: 40, depth: 2, shrinkage: 0.3, ..Options::new(Loss::Squared) };
     let (forest, round) =
@@ -51,7 +51,7 @@ fn recovers_a_step_function() {
 fn learns_exclusive_or_by_both_losses() {
     let (train, other) = (columns(2000, 5, 200, 1), columns(1000, 5, 200, 9));
     let (targets, truth) = (labels(&train, 200), labels(&other, 200));
-    let samples = Samples::from_columns(train, 64).unwrap();
+    let samples = BinnedSamples::from_columns(train, 64).unwrap();
     let data = Data { samples: &samples, targets: &targets, weights: &[1.0; 2000] };
     for loss in [Loss::Exponential, Loss::Logistic] {
         let options = Options {
@@ -83,7 +83,7 @@ proptest! {
         let columns = columns(200, 4, limit, seed);
         let targets = labels(&columns, limit);
         let weights: Vec<f32> = (0..200).map(|row| (row % 4) as f32).collect();
-        let samples = Samples::from_columns(columns.clone(), max_edges).unwrap();
+        let samples = BinnedSamples::from_columns(columns.clone(), max_edges).unwrap();
         let data = Data { samples: &samples, targets: &targets, weights: &weights };
         let mut options = Options { depth, seed, leaf_scale: 4096.0, ..Options::new(loss) };
         if !full {
@@ -108,8 +108,8 @@ proptest! {
 fn stops_early_and_resumes_as_if_never_stopped() {
     let (a, b) = (columns(300, 6, 500, 3), columns(200, 6, 500, 4));
     let (train_targets, test_targets) = (labels(&a, 500), labels(&b, 500));
-    let train = Samples::from_columns(a, 64).unwrap();
-    let test = Samples::with_edges(train.edges().to_vec(), 200, b).unwrap();
+    let train = BinnedSamples::from_columns(a, 64).unwrap();
+    let test = BinnedSamples::with_edges(train.edges().to_vec(), 200, b).unwrap();
     let data = Data { samples: &train, targets: &train_targets, weights: &[1.0; 300] };
     let validation = Data { samples: &test, targets: &test_targets, weights: &[1.0; 200] };
     let options = Options {
@@ -145,7 +145,7 @@ fn stops_early_and_resumes_as_if_never_stopped() {
 fn any_number_of_threads_grows_the_same_forest() {
     let columns = columns(3000, 20, 900, 6);
     let targets = labels(&columns, 900);
-    let samples = Samples::from_columns(columns, 128).unwrap();
+    let samples = BinnedSamples::from_columns(columns, 128).unwrap();
     let data = Data { samples: &samples, targets: &targets, weights: &[1.0; 3000] };
     let options = Options { rounds: 8, depth: 4, ..Options::new(Loss::Exponential) };
     let forest = |threads| {
@@ -163,8 +163,8 @@ fn a_row_of_weight_zero_takes_no_part() {
     let half: Vec<Vec<u16>> = all.iter().map(|column| column[..200].to_vec()).collect();
     let targets = labels(&all, 100);
     let edges: Vec<Vec<u16>> = vec![(0..99).collect(); 3];
-    let wide = Samples::with_edges(edges.clone(), 400, all).unwrap();
-    let narrow = Samples::with_edges(edges, 200, half).unwrap();
+    let wide = BinnedSamples::with_edges(edges.clone(), 400, all).unwrap();
+    let narrow = BinnedSamples::with_edges(edges, 200, half).unwrap();
     let weights: Vec<f32> = (0..400).map(|row| if row < 200 { 1.0 } else { 0.0 }).collect();
     let options = Options { rounds: 5, ..Options::new(Loss::Logistic) };
     let run = |samples, rows: usize| {
@@ -176,7 +176,7 @@ fn a_row_of_weight_zero_takes_no_part() {
 
 #[test]
 fn constant_features_and_labels_end_in_equal_leaves() {
-    let samples = Samples::from_columns([vec![7; 30]], 16).unwrap();
+    let samples = BinnedSamples::from_columns([vec![7; 30]], 16).unwrap();
     let data = Data { samples: &samples, targets: &[1.0; 30], weights: &[1.0; 30] };
     for loss in [Loss::Squared, Loss::Exponential, Loss::Logistic] {
         let options = Options { rounds: 2, lambda: 0.0, ..Options::new(loss) };
@@ -191,7 +191,7 @@ fn constant_features_and_labels_end_in_equal_leaves() {
 
 #[test]
 fn what_cannot_be_learnt_is_refused() {
-    let samples = Samples::from_columns([vec![1, 2, 3]], 16).unwrap();
+    let samples = BinnedSamples::from_columns([vec![1, 2, 3]], 16).unwrap();
     let try_new = |loss, targets: &[f32], weights: &[f32]| {
         let data = Data { samples: &samples, targets, weights };
         Booster::new(Options::new(loss), data, None).map(|_| ()).unwrap_err()
@@ -209,7 +209,7 @@ fn what_cannot_be_learnt_is_refused() {
     let error = Booster::new(options, data, None).unwrap_err();
     assert_eq!(error, BoostError::Option { field: "trim" });
 
-    let other = Samples::from_columns([vec![1, 9, 30]], 16).unwrap();
+    let other = BinnedSamples::from_columns([vec![1, 9, 30]], 16).unwrap();
     let validation = Data { samples: &other, ..data };
     let error = Booster::new(Options::new(Loss::Squared), data, Some(validation)).unwrap_err();
     assert_eq!(error, BoostError::OtherEdges);

@@ -1,9 +1,9 @@
 //! Motion of a place of the world in the picture, from the camera's attitude or from the background's measured motion.
 
-use super::course::Course;
+use super::course::PasteCourse;
 use super::turning::Turning;
-use super::{FRAME, Place};
-use crate::registration::Motion;
+use super::{FRAME, FramePoint};
+use crate::registration::GlobalMotion;
 use std::sync::Arc;
 use std::vec;
 use std::vec::Vec;
@@ -17,7 +17,7 @@ pub enum Anchor {
     /// The attitude of the camera in each frame.
     Attitude(Arc<Turning>),
     /// The background's motion from each frame to the one before, from [`crate::registration::measure`].
-    Motion(Arc<Vec<Motion>>),
+    Motion(Arc<Vec<GlobalMotion>>),
 }
 
 impl Anchor {
@@ -25,11 +25,11 @@ impl Anchor {
     /// at `place` in frame `index` of the clip; none where it is behind the camera.
     pub(super) fn places(
         &self,
-        course: Course,
+        course: PasteCourse,
         (first, count): (usize, usize),
-        (index, place): (usize, Place),
+        (index, place): (usize, FramePoint),
         size: (usize, usize),
-    ) -> Option<Vec<Option<Place>>> {
+    ) -> Option<Vec<Option<FramePoint>>> {
         let time = |index: usize| (index - first) as f64 * FRAME;
         match self {
             Self::Attitude(turning) => {
@@ -66,14 +66,14 @@ impl Anchor {
 }
 
 /// Where a point of a frame was in the frame before.
-fn backward(motion: Option<&Motion>, place: Place) -> Place {
+fn backward(motion: Option<&GlobalMotion>, place: FramePoint) -> FramePoint {
     let [x, y] = place.map(|v| (v * 256.0).round().clamp(-1e8, 1e8) as i32);
     let (x, y) = motion.map_or((x, y), |motion| motion.map(x, y));
     [x, y].map(|v| f64::from(v) / 256.0)
 }
 
 /// Where a point of the frame before is in a frame: the inverse of [`backward`], by fixed-point iteration.
-fn forward(motion: Option<&Motion>, place: Place) -> Place {
+fn forward(motion: Option<&GlobalMotion>, place: FramePoint) -> FramePoint {
     let mut guess = place;
     for _ in 0..8 {
         let back = backward(motion, guess);
@@ -89,8 +89,11 @@ mod tests {
 
     /// A camera that turns right and about its axis, and comes nearer.
     fn motions() -> Anchor {
-        let motion =
-            Motion::new(320, 240, [400_000, -90_000, 60_000, -40_000, 40_000, 60_000, 900, 0]);
+        let motion = GlobalMotion::new(
+            320,
+            240,
+            [400_000, -90_000, 60_000, -40_000, 40_000, 60_000, 900, 0],
+        );
         Anchor::Motion(Arc::new(vec![motion; 40]))
     }
 
@@ -105,13 +108,13 @@ mod tests {
         // The camera turns right by 6 pixels a frame: what it sees goes left.
         assert!(forward(motions.first(), [160.0, 120.0])[0] < 156.0);
         assert_eq!(forward(None, [7.0, 8.0]), [7.0, 8.0]);
-        assert_eq!(forward(Some(&Motion::IDENTITY), [7.0, 8.0]), [7.0, 8.0]);
+        assert_eq!(forward(Some(&GlobalMotion::IDENTITY), [7.0, 8.0]), [7.0, 8.0]);
     }
 
     #[test]
     fn places_follow_background_and_course() {
         let anchor = motions();
-        let course = Course::draw(&mut Random::new(4));
+        let course = PasteCourse::draw(&mut Random::new(4));
         let (first, count, index) = (5, 30, 12);
         let places = anchor.places(course, (first, count), (index, [160.0, 120.0]), (320, 240));
         let places = places.unwrap();

@@ -11,7 +11,7 @@ const LENGTHS: [(f64, f64); 3] = [(8.0, 40.0), (18.0, 110.0), (10.0, 110.0)];
 
 /// Motion of an object relative to the camera's position, and its length in the picture.
 #[derive(Debug, Clone, Copy)]
-pub struct Course {
+pub struct PasteCourse {
     /// Azimuth (right) and elevation (down) at the time 0, radians.
     start: [f64; 2],
     /// Their change in a second.
@@ -44,7 +44,7 @@ fn unit(random: &mut Random) -> f64 {
     (random.symmetric() + 1.0) / 2.0
 }
 
-impl Course {
+impl PasteCourse {
     /// A collision course, a crossing, hovering or receding aircraft; its picture is to be a few seconds long.
     pub fn draw(random: &mut Random) -> Self {
         let (speeds, lengths, approach) = match random.below(20) {
@@ -105,7 +105,7 @@ mod tests {
         let mut random = Random::new(5);
         let (mut grew, mut fell, mut fast) = (0, 0, 0);
         for _ in 0..400 {
-            let course = Course::draw(&mut random).through([0.3, -0.1], 2.0);
+            let course = PasteCourse::draw(&mut random).through([0.3, -0.1], 2.0);
             let [azimuth, elevation] = course.bearing(2.0);
             assert!((azimuth - 0.3).abs() < 1e-12 && (elevation + 0.1).abs() < 1e-12);
             let lengths = [0.0, 5.0].map(|time| course.length(time));
@@ -116,7 +116,8 @@ mod tests {
                 u32::from((course.bearing(4.0)[0] - course.bearing(2.0)[0]).abs() > 4.0 * DEGREE);
         }
         assert!(grew > 90 && fell > 50 && fast > 60, "{grew} {fell} {fast}");
-        let contact = Course { approach: Approach::Contact(3.0), ..Course::draw(&mut random) };
+        let contact =
+            PasteCourse { approach: Approach::Contact(3.0), ..PasteCourse::draw(&mut random) };
         assert_eq!(contact.length(3.5), 0.0);
     }
 }

@@ -15,7 +15,7 @@ use crate::shell::render::Cutout;
 use crate::shell::sources::Frame;
 use crate::shell::support::random::Random;
 pub use anchor::Anchor;
-use course::Course;
+use course::PasteCourse;
 use std::vec::Vec;
 pub use turning::Turning;
 
@@ -48,16 +48,16 @@ const LARGEST: f64 = 1.6;
 const FAINT: f64 = 12.0;
 
 /// A point of the frame: pixels to the right and down.
-type Place = [f64; 2];
+type FramePoint = [f64; 2];
 
 /// An object in successive frames.
-pub type Run = Vec<Cutout>;
+pub type PastedRun = Vec<Cutout>;
 
 /// The objects of a clip that stand before a plain sky, in runs of successive frames.
 #[derive(Debug, Default)]
 pub struct Runs {
-    ended: Vec<Run>,
-    run: Run,
+    ended: Vec<PastedRun>,
+    run: PastedRun,
 }
 
 impl Runs {
@@ -82,7 +82,7 @@ impl Runs {
     }
 
     /// The changed runs of pixels.
-    pub fn finish(mut self) -> Vec<Run> {
+    pub fn finish(mut self) -> Vec<PastedRun> {
         self.end();
         self.ended
     }
@@ -90,10 +90,10 @@ impl Runs {
 
 /// An object as it is to be drawn into all frames of a clip.
 struct Pasted<'a> {
-    run: &'a Run,
-    course: Course,
+    run: &'a PastedRun,
+    course: PasteCourse,
     /// Its centre in each frame; none behind the camera.
-    places: Vec<Option<Place>>,
+    places: Vec<Option<FramePoint>>,
     /// Frame of the run in the first frame.
     phase: usize,
     mirrored: bool,
@@ -108,12 +108,12 @@ struct Pasted<'a> {
 }
 
 impl<'a> Pasted<'a> {
-    fn draw(library: &'a [Vec<Run>], random: &mut Random) -> Self {
+    fn draw(library: &'a [Vec<PastedRun>], random: &mut Random) -> Self {
         let clip = &library[random.below(library.len())];
         let run = &clip[random.below(clip.len())];
         Self {
             run,
-            course: Course::draw(random),
+            course: PasteCourse::draw(random),
             places: Vec::new(),
             phase: random.below(run.len()),
             mirrored: random.below(2) == 0,
@@ -157,7 +157,7 @@ pub struct Scenery<'a> {
 }
 
 /// Pastes up to `count` objects of `library` (clips of runs) into frames; adds their boxes to those of the frames.
-pub fn paste(scenery: Scenery<'_>, library: &[Vec<Run>], count: usize, random: &mut Random) {
+pub fn paste(scenery: Scenery<'_>, library: &[Vec<PastedRun>], count: usize, random: &mut Random) {
     let Scenery { anchor, first, frames, boxes } = scenery;
     let Some(size) = frames.iter().find(|f| !f.pixels.is_empty()).map(|f| (f.width, f.height))
     else {
@@ -330,7 +330,7 @@ mod tests {
     }
 
     /// A clip whose object, a dark bar, grows slowly before a bright sky.
-    fn library() -> Vec<Vec<Run>> {
+    fn library() -> Vec<Vec<PastedRun>> {
         let mut frames: Vec<Frame> = frames(200);
         let mut boxes = vec![Vec::new(); frames.len()];
         for i in 0..20 {

@@ -1,7 +1,7 @@
 //! Error figures of the trials.
 
 use super::super::breakdown::{group_of, quartiles, range_names};
-use super::trials::{SEED, Trial, Vector, WAYS};
+use super::trials::{PixelVector, SEED, Trial, WAYS};
 use crate::channels::window::SLICES;
 use crate::shell::evaluate::matching::{self, SIZES};
 use crate::stcube::compensation::MAX_MOVES;
@@ -42,7 +42,7 @@ pub struct RegressorFigures {
     /// Share of cubes with every slice centred, by way.
     pub share_centred: Vec<WayShare>,
     /// Errors by groups of trials.
-    pub breakdowns: Vec<Breakdown>,
+    pub breakdowns: Vec<ErrorBreakdown>,
 }
 
 /// A share by way.
@@ -56,7 +56,7 @@ pub struct WayShare {
 
 /// Errors by groups.
 #[derive(Debug, Clone, Serialize)]
-pub struct Breakdown {
+pub struct ErrorBreakdown {
     /// Name of the property that groups are formed by.
     pub by: &'static str,
     /// The same with its unit.
@@ -84,25 +84,25 @@ pub struct WayErrors {
     /// Name of the way to place slices.
     pub way: &'static str,
     /// Distance of the window's centre from the target's in the slice, pixels.
-    pub centre_px: Spread,
+    pub centre_px: ErrorSpread,
     /// The same in lengths of the target.
-    pub centre_relative: Spread,
+    pub centre_relative: ErrorSpread,
     /// Distance of the window's motion since the newest slice from the target's, pixels.
-    pub motion_px: Spread,
+    pub motion_px: ErrorSpread,
     /// The same in lengths of the target.
-    pub motion_relative: Spread,
+    pub motion_relative: ErrorSpread,
 }
 
 /// The middle and the far end of some errors; none without any.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Spread {
+pub struct ErrorSpread {
     /// Half of them are no larger.
     pub median: Option<f64>,
     /// 90 % of them are no larger.
     pub p90: Option<f64>,
 }
 
-impl Spread {
+impl ErrorSpread {
     fn of(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
         // The smallest value that so many are not larger than.
@@ -113,11 +113,11 @@ impl Spread {
     }
 }
 
-fn length([x, y]: Vector) -> f64 {
+fn length([x, y]: PixelVector) -> f64 {
     x.hypot(y)
 }
 
-fn minus(a: Vector, b: Vector) -> Vector {
+fn minus(a: PixelVector, b: PixelVector) -> PixelVector {
     [a[0] - b[0], a[1] - b[1]]
 }
 
@@ -160,7 +160,7 @@ pub fn figures(trials: &[Trial]) -> Option<RegressorFigures> {
     })
 }
 
-fn breakdowns(trials: &[Trial]) -> Vec<Breakdown> {
+fn breakdowns(trials: &[Trial]) -> Vec<ErrorBreakdown> {
     let contrasts = quartiles(trials.iter().map(|t| t.contrast).collect());
     let size = |t: &Trial| matching::size_of(&[0.0, 0.0, t.size, t.size]);
     let sizes = (0..SIZES.len()).map(matching::size_name).collect();
@@ -172,7 +172,7 @@ fn breakdowns(trials: &[Trial]) -> Vec<Breakdown> {
             let of: Vec<&Trial> = trials.iter().filter(|t| place(t) == i).collect();
             group(name, &of, older.clone())
         };
-        Breakdown { by, heading, groups: names.into_iter().enumerate().map(group).collect() }
+        ErrorBreakdown { by, heading, groups: names.into_iter().enumerate().map(group).collect() }
     };
     let all: Vec<&Trial> = trials.iter().collect();
     let slice = |k: usize| {
@@ -197,7 +197,7 @@ fn breakdowns(trials: &[Trial]) -> Vec<Breakdown> {
             &|t| group_of(&contrasts, t.contrast),
         ),
         by("background", "Background", backgrounds, &|t| usize::from(!t.registered)),
-        Breakdown { by: "slice", heading: "Slice", groups: (0..SLICES).map(slice).collect() },
+        ErrorBreakdown { by: "slice", heading: "Slice", groups: (0..SLICES).map(slice).collect() },
     ]
 }
 
@@ -206,7 +206,7 @@ fn group(name: String, trials: &[&Trial], slices: std::ops::Range<usize>) -> Gro
     let ways = (0..WAYS.len()).map(|way| {
         let each = |error: &dyn Fn(&Trial, usize) -> f64| {
             let error = |t: &&Trial| slices.clone().map(|k| error(t, k)).collect::<Vec<_>>();
-            Spread::of(trials.iter().flat_map(error).collect())
+            ErrorSpread::of(trials.iter().flat_map(error).collect())
         };
         let centre = |t: &Trial, k: usize| length(t.off[way][k]);
         let motion = |t: &Trial, k: usize| length(minus(t.off[way][k], t.off[way][0]));
@@ -221,7 +221,7 @@ fn group(name: String, trials: &[&Trial], slices: std::ops::Range<usize>) -> Gro
     Group {
         name,
         slices: trials.len() * slices.len(),
-        start: Spread::of(trials.iter().map(|t| start(t)).collect()).median,
+        start: ErrorSpread::of(trials.iter().map(|t| start(t)).collect()).median,
         ways: ways.collect(),
     }
 }
@@ -233,9 +233,9 @@ mod tests {
     #[test]
     fn spreads() {
         let hundred = (1..=100).rev().map(f64::from).collect();
-        assert_eq!(Spread::of(hundred), Spread { median: Some(50.0), p90: Some(90.0) });
-        assert_eq!(Spread::of(vec![7.0]), Spread { median: Some(7.0), p90: Some(7.0) });
-        assert_eq!(Spread::of(vec![]), Spread::default());
+        assert_eq!(ErrorSpread::of(hundred), ErrorSpread { median: Some(50.0), p90: Some(90.0) });
+        assert_eq!(ErrorSpread::of(vec![7.0]), ErrorSpread { median: Some(7.0), p90: Some(7.0) });
+        assert_eq!(ErrorSpread::of(vec![]), ErrorSpread::default());
     }
 
     #[test]

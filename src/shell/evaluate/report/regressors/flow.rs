@@ -12,9 +12,9 @@ const LEVELS: usize = 6;
 
 /// A frame and smaller copies of it.
 #[derive(Debug)]
-pub struct Pictures(Vec<Frame>);
+pub struct FlowPyramid(Vec<Frame>);
 
-impl Pictures {
+impl FlowPyramid {
     /// Of `frame`, whose time is not kept.
     pub fn new(frame: &Frame) -> Self {
         let mut levels = vec![frame.clone()];
@@ -36,8 +36,8 @@ impl Pictures {
 /// where to begin. The window covers half of a target `size` pixels long, or more; the search goes from twice that to
 /// it. `None` where it ends nowhere.
 pub fn follow(
-    newer: &Pictures,
-    older: &Pictures,
+    newer: &FlowPyramid,
+    older: &FlowPyramid,
     point: (i32, i32),
     guess: (i32, i32),
     size: f64,
@@ -79,14 +79,14 @@ mod tests {
             [(12.0, (1.5, -2.0)), (24.0, (3.0, 2.0)), (60.0, (-6.0, 5.0)), (90.0, (9.0, 8.0))]
         {
             let (newer, older) = (frame(size, 0.0, 0.0), frame(size, dx, dy));
-            let pictures = [newer, older].map(|f| Pictures::new(&f));
+            let pictures = [newer, older].map(|f| FlowPyramid::new(&f));
             let point = (160 << 8, 120 << 8);
             let (x, y) = follow(&pictures[0], &pictures[1], point, (0, 0), size).unwrap();
             let off = (f64::from(x) / 256.0 - dx).hypot(f64::from(y) / 256.0 - dy);
             assert!(off < 0.02 * size, "{size}: {off}");
         }
         let plain = Frame { pixels: vec![90; 320 * 240], width: 320, height: 240, time_us: 0 };
-        let plain = Pictures::new(&plain);
+        let plain = FlowPyramid::new(&plain);
         assert_eq!(follow(&plain, &plain, (160 << 8, 120 << 8), (0, 0), 20.0), None);
     }
 }

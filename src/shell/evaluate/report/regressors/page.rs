@@ -1,8 +1,8 @@
 //! The page's section about the trials.
 
 use super::super::elements::{escape, figure, number, table};
-use super::super::plot::{self, Axis, Line, plot};
-use super::figures::{Breakdown, RegressorFigures, Spread};
+use super::super::plot::{self, Axis, Curve, plot};
+use super::figures::{ErrorBreakdown, ErrorSpread, RegressorFigures};
 use super::trials::WAYS;
 use std::format;
 use std::string::{String, ToString};
@@ -60,9 +60,10 @@ fn curve(figures: &RegressorFigures, by: &str, label: &'static str) -> String {
     };
     let names: Vec<String> = breakdown.groups.iter().map(|group| group.name.clone()).collect();
     let line = |way: usize| {
-        let mut line = Line { method: way, joined: true, ..Line::default() };
+        let mut line = Curve { method: way, joined: true, ..Curve::default() };
         for (g, group) in breakdown.groups.iter().enumerate() {
-            let Spread { median: Some(median), p90: Some(p90) } = group.ways[way].centre_relative
+            let ErrorSpread { median: Some(median), p90: Some(p90) } =
+                group.ways[way].centre_relative
             else {
                 continue;
             };
@@ -73,12 +74,12 @@ fn curve(figures: &RegressorFigures, by: &str, label: &'static str) -> String {
         }
         line
     };
-    let lines: Vec<Line> = (0..WAYS.len()).map(line).collect();
+    let lines: Vec<Curve> = (0..WAYS.len()).map(line).collect();
     let svg = plot(&Axis::groups(label, &names), &Axis::share("off centre (lengths)"), &lines);
     figure(&svg, &format!("Off centre in older slices by {by}: median, up to 90 %"))
 }
 
-fn breakdown(breakdown: &Breakdown) -> String {
+fn breakdown(breakdown: &ErrorBreakdown) -> String {
     let heads = [
         "Group",
         "Placed by",

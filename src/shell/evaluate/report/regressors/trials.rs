@@ -1,12 +1,12 @@
 //! Runs of Algorithm 1 from starts that are off by a known way.
 
-use super::flow::{Pictures, follow};
+use super::flow::{FlowPyramid, follow};
 use crate::channels::front_end::{self, FrameChannels, REACH as BACK};
-use crate::channels::scale_space::Level;
+use crate::channels::scale_space::PyramidLevel;
 use crate::channels::window::{Position, SLICES, WINDOW};
 use crate::image::gradient::CELL;
 use crate::model::Model;
-use crate::registration::Motion;
+use crate::registration::GlobalMotion;
 use crate::shell::error::Error;
 use crate::shell::evaluate::contrast::contrast;
 use crate::shell::evaluate::matching::{must_be_found, rect};
@@ -43,7 +43,7 @@ const HISTORY: u64 = (SLICES - 1 + BACK) as u64;
 pub const WAYS: [&str; 3] = ["background alone", "ours", "LK"];
 
 /// A vector in pixels of the frame.
-pub type Vector = [f64; 2];
+pub type PixelVector = [f64; 2];
 
 /// A window that started off the target's centre, by each of [`WAYS`].
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -57,7 +57,7 @@ pub struct Trial {
     /// Whether the background's motion could be measured.
     pub registered: bool,
     /// Where each way put each slice, from the target's centre in it, newest first.
-    pub off: [[Vector; SLICES]; WAYS.len()],
+    pub off: [[PixelVector; SLICES]; WAYS.len()],
     /// Moves of Algorithm 1 in each slice.
     pub moves: [u8; SLICES],
     /// Whether it came to rest there.
@@ -153,15 +153,15 @@ fn run_clip(
             front_end.restart();
             continue;
         }
-        let refused = |error: front_end::Error| refused(number, error.into());
+        let refused = |error: front_end::RegistrationError| refused(number, error.into());
         if next - number >= SLICES as u64 {
             front_end.skip(frame.view()).map_err(refused)?;
             continue;
         }
         let (channels, _) = front_end.process(frame.view(), &mut || {}).map_err(refused)?;
         if number == next {
-            let pictures: Vec<Pictures> = recent.iter().map(Pictures::new).collect();
-            let scene = Scene { model, channels, pictures: &pictures };
+            let pictures: Vec<FlowPyramid> = recent.iter().map(FlowPyramid::new).collect();
+            let scene = DrawnScene { model, channels, pictures: &pictures };
             for target in clip.ground_truth.frame(number) {
                 let Some(track) = track(&clip.ground_truth, number, target) else { continue };
                 let contrast = contrast(frame, &rect(target));
@@ -176,14 +176,14 @@ fn run_clip(
 }
 
 /// A drawn frame and the ones before it.
-struct Scene<'a> {
+struct DrawnScene<'a> {
     model: &'a Model<'a>,
     channels: FrameChannels<'a>,
     /// Newest first.
-    pictures: &'a [Pictures],
+    pictures: &'a [FlowPyramid],
 }
 
-impl Scene<'_> {
+impl DrawnScene<'_> {
     /// One start, drawn at random around the target; none if no level is searched.
     fn trial(&self, track: &[TruthBox; SLICES], random: &mut Random) -> Option<Trial> {
         let size = track[0].width.max(track[0].height);
@@ -199,7 +199,7 @@ impl Scene<'_> {
         let alone = compensation::compensate(&slices, None, start, &mut cube);
         let ours =
             compensation::compensate(&slices, Some(self.model.regressors()), start, &mut cube);
-        let centres = |path: &compensation::Path| path.positions.map(|p| p.centre(scale));
+        let centres = |path: &compensation::Trajectory| path.positions.map(|p| p.centre(scale));
         let (followed, flow) = self.flow(&slices.motions, start.centre(scale), size);
         let places = [centres(&alone), centres(&ours), flow];
         let off = places.map(|places| {
@@ -223,7 +223,7 @@ impl Scene<'_> {
     /// motion since the slice before.
     fn flow(
         &self,
-        motions: &[Motion; SLICES - 1],
+        motions: &[GlobalMotion; SLICES - 1],
         point: (i32, i32),
         size: f64,
     ) -> ([bool; SLICES], [(i32, i32); SLICES]) {
@@ -245,7 +245,7 @@ impl Scene<'_> {
 
     /// The searched level whose nominal target is nearest to the target in length.
     fn level_of(&self, size: f64) -> Option<usize> {
-        let distance = |l: &Level| (size / (f64::from(l.target_q4()) / 16.0)).log2().abs();
+        let distance = |l: &PyramidLevel| (size / (f64::from(l.target_q4()) / 16.0)).log2().abs();
         let levels = self.channels.pyramid.levels().iter().enumerate().filter(|(_, l)| l.active);
         levels.min_by(|a, b| distance(a.1).total_cmp(&distance(b.1))).map(|(number, _)| number)
     }
