@@ -4,6 +4,7 @@
 //! Of the newest frame alone there are four more: intensity and all differences. Cells are computed from pictures where
 //! they are asked for; pictures are all that is kept.
 
+mod difference;
 pub mod front_end;
 pub mod history;
 pub mod method;
@@ -14,6 +15,9 @@ use crate::image::Image;
 use crate::image::gradient::{CELL, CellRow, ORIENTATIONS};
 use crate::image::gradient_block::{self, SIDE, pairs};
 use crate::math::slices;
+use difference::{fill_difference, quarters};
+
+pub use difference::{Difference, DifferenceRow, RUN};
 
 /// Difference images beside the grey one: tolerant to a frame far back, tolerant and plain to that of the oldest slice.
 pub const DIFFERENCES: usize = 3;
@@ -29,100 +33,6 @@ pub const TEMPORAL: usize = ORIENTATIONS + 1;
 
 /// Eight channels of the cells of a square, row by row.
 pub type Square<const N: usize> = [[[u8; CHANNELS]; N]; N];
-
-/// A difference image of a level.
-#[derive(Debug, Clone, Copy)]
-pub struct Difference<'a> {
-    /// Grey levels.
-    pub picture: Image<'a>,
-    /// Whether a pixel is a whole cell of the level, not a pixel of it.
-    pub halved: bool,
-}
-
-/// The pixels of a difference image for one row of cells.
-#[derive(Debug, Clone, Copy)]
-pub enum DifferenceRow<'a> {
-    /// The pixels of its cells.
-    Pixels(CellRow<'a>),
-    /// The mean over each of its cells.
-    Cells(&'a [u8]),
-}
-
-impl<'a> Difference<'a> {
-    #[inline]
-    fn row(&self, row: usize) -> DifferenceRow<'a> {
-        if !self.halved {
-            DifferenceRow::Pixels(CellRow::new(&self.picture, row))
-        } else if row < self.picture.height() {
-            DifferenceRow::Cells(self.picture.row(row))
-        } else {
-            DifferenceRow::Cells(&[])
-        }
-    }
-}
-
-impl<'a> DifferenceRow<'a> {
-    /// The row without its first cells.
-    #[inline(always)]
-    fn from(&self, first: usize) -> DifferenceRow<'a> {
-        match self {
-            Self::Pixels(row) => DifferenceRow::Pixels(row.from(first)),
-            Self::Cells(row) => DifferenceRow::Cells(row.get(first..).unwrap_or(&[])),
-        }
-    }
-
-    /// The mean over cell `x` in quarters of a grey level, at most 255: the sum of its four pixels. 0 beyond a halved
-    /// picture, which may lack the last column and row.
-    #[inline(always)]
-    fn quarters(&self, x: usize) -> u8 {
-        match self {
-            Self::Pixels(row) => row.sum(x).min(255) as u8,
-            Self::Cells(row) => row.get(x).map_or(0, |&mean| quarters(mean)),
-        }
-    }
-
-    /// Writes [`DifferenceRow::quarters`] of the first cells.
-    #[inline(always)]
-    fn fill(&self, out: &mut [u8]) {
-        match self {
-            Self::Pixels(row) => row.fill_quarters(out),
-            Self::Cells(row) => {
-                let (inside, outside) = out.split_at_mut(row.len().min(out.len()));
-                for (out, &mean) in inside.iter_mut().zip(*row) {
-                    *out = quarters(mean);
-                }
-                outside.fill(0);
-            }
-        }
-    }
-
-    /// Adds `quarters` of each run of [`RUN`] cells to the next of `sums`. Panics if there are fewer cells.
-    pub fn sum_runs(&self, sums: &mut [u16]) {
-        sum_runs(self, sums);
-    }
-}
-
-/// Cells of a run of [`DifferenceRow::sum_runs`].
-pub const RUN: usize = 8;
-
-#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
-fn sum_runs(row: &DifferenceRow<'_>, sums: &mut [u16]) {
-    let mut block = [[0; RUN]; 16];
-    let (length, mut first) = (block.len(), 0);
-    for sums in sums.chunks_mut(length) {
-        row.from(first).fill(block[..sums.len()].as_flattened_mut());
-        first += length * RUN;
-        for (sum, run) in sums.iter_mut().zip(&block) {
-            *sum += run.iter().map(|&quarters| u16::from(quarters)).sum::<u16>();
-        }
-    }
-}
-
-/// A grey level in quarters, at most 255.
-#[inline(always)]
-fn quarters(mean: u8) -> u8 {
-    mean.min(64).saturating_mul(4)
-}
 
 /// What is kept of a frame on a level.
 #[derive(Debug, Clone, Copy)]
@@ -354,11 +264,6 @@ impl NewestRow<'_> {
             fill_difference(difference, plane);
         }
     }
-}
-
-#[cfg_attr(feature = "simd", multiversion::multiversion(targets("x86_64+avx2", "x86_64+sse4.1")))]
-fn fill_difference(row: &DifferenceRow<'_>, out: &mut [u8]) {
-    row.fill(out);
 }
 
 #[cfg(test)]

@@ -3,8 +3,9 @@
 use super::golden;
 use lookout::mavlink::dialect::{HEARTBEAT_DATA, MavMessage};
 use lookout::shell::live::config::ServiceConfig;
-use lookout::shell::live::service::{self, ServiceSummary};
+use lookout::shell::live::service;
 use lookout::shell::live::source::{CaptureInfo, LiveError, LiveSource, OpenSource};
+use lookout::shell::live::summary::ServiceSummary;
 use lookout::shell::sources::Frame;
 use lookout::shell::support::clock::now_us;
 use lookout::shell::support::interrupt::ServiceOrders;

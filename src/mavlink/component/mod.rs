@@ -9,12 +9,15 @@ mod cadence;
 mod clock;
 mod commands;
 mod cooperative;
+mod event;
+mod exchange;
 mod gimbal;
 mod heartbeat;
 mod identity;
 pub mod parameters;
 mod requests;
 mod rotation;
+mod settings;
 mod streams;
 mod written;
 
@@ -23,9 +26,12 @@ use autopilot::{OTHERS, OtherVehicle};
 pub use autopilot::Autopilot;
 pub use clock::ClockOffset;
 pub use cooperative::Aircraft;
+pub use event::ComponentEvent;
+pub use exchange::{Destination, Outgoing, Priority, Trust};
 pub use gimbal::{Gimbal, STALE_US as GIMBAL_STALE_US};
 pub use heartbeat::is_vehicle;
 pub use identity::{FLEET, Naming};
+pub use settings::{CameraComponent, ComponentConfig};
 
 use crate::mavlink::dialect::{
     ADSB_VEHICLE_DATA, ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, CAMERA_FOV_STATUS_DATA,
@@ -33,10 +39,9 @@ use crate::mavlink::dialect::{
     GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, HIGHRES_IMU_DATA, PARAM_REQUEST_LIST_DATA,
     PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, SCALED_IMU_DATA, SYSTEM_TIME_DATA, TIMESYNC_DATA,
 };
-use crate::mavlink::messages::status::{HeartbeatType, LookoutState};
+use crate::mavlink::messages::status::LookoutState;
 use crate::mavlink::messages::text::Alerts;
 use crate::mavlink::messages::{self, Health, Payload, Vehicle};
-use crate::mavlink::placing::News;
 use crate::tracking::traffic::{AlertLevel, MAX_TRAFFIC, Traffic};
 use commands::{Follow, PayloadFields};
 use cooperative::AIRCRAFT;
@@ -45,169 +50,6 @@ use identity::Slots;
 use mavlink_core::{MAVLinkMessageRaw, MessageData};
 use parameters::{Parameter, Parameters};
 use streams::{LastSeen, STREAMS, Timer};
-
-/// Settings that stay the same while the component runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ComponentConfig {
-    /// Our system id. `None`: the autopilot's, from its first heartbeat; 1 until then.
-    pub system_id: Option<u8>,
-    /// Our component id. Default 196, MAV_COMP_ID_OBSTACLE_AVOIDANCE; 191 is the neutral choice.
-    pub component_id: u8,
-    /// Behave as a camera too, so that QGroundControl draws a box (off by default).
-    pub camera: Option<CameraComponent>,
-    /// The camera is on a gimbal, whose own messages give its attitude. Default `false`.
-    pub gimbal: bool,
-    /// Rate of attitudes requested from the autopilot, Hz. Default 50.
-    pub attitude_hz: u16,
-    /// Rate of positions requested from the autopilot, Hz. Default 5.
-    pub position_hz: u16,
-    /// Time without a processed frame after which the state is stalled, in microseconds. Default 700 000.
-    pub stall_us: i64,
-    /// MAV_TYPE of the heartbeat. Default ONBOARD_CONTROLLER.
-    pub heartbeat: HeartbeatType,
-    /// Aircraft type that objects are reported as, and callsigns of the own fleet.
-    pub naming: Naming,
-}
-
-impl ComponentConfig {
-    /// Whether the camera is on a gimbal. A board without an operating system has no flash to spare for one.
-    const fn has_gimbal(&self) -> bool {
-        cfg!(feature = "std") && self.gimbal
-    }
-}
-
-impl Default for ComponentConfig {
-    fn default() -> Self {
-        Self {
-            system_id: None,
-            component_id: 196,
-            camera: None,
-            gimbal: false,
-            attitude_hz: 50,
-            position_hz: 5,
-            stall_us: 700_000,
-            heartbeat: HeartbeatType::default(),
-            naming: Naming::default(),
-        }
-    }
-}
-
-/// The camera component that CAMERA_TRACKING_IMAGE_STATUS needs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct CameraComponent {
-    /// Its component id: 100, MAV_COMP_ID_CAMERA, unless another program serves that camera.
-    pub component_id: u8,
-    /// Width of the frames in pixels.
-    pub width: u16,
-    /// Height of the frames in pixels.
-    pub height: u16,
-}
-
-/// Authentication state of a received frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Trust {
-    /// No key is configured: everyone may command.
-    Open,
-    /// The signature is valid.
-    Signed,
-    /// A key is configured and the frame bears no signature: ignored, because everything that is sent is signed and
-    /// may derive from signed frames only.
-    Unsigned,
-    /// Signature or signing time invalid: ignored.
-    Forged,
-}
-
-/// Which part of a link's bandwidth a message uses, the most important first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Priority {
-    /// Heartbeats, texts, requests to the autopilot: few bytes, sent at once.
-    Urgent,
-    /// Reports about traffic: ADSB_VEHICLE, COLLISION, OBSTACLE_DISTANCE.
-    Traffic,
-    /// Health values and the box on the video.
-    Status,
-    /// Answers to what others ask. They have a bandwidth of their own: whoever asks, and however often, takes nothing
-    /// from the others.
-    Answer,
-}
-
-/// Links that a message is sent to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Destination {
-    /// To every link.
-    All,
-    /// To one link: the answer to what came from there, or what is for the autopilot alone.
-    Link(u8),
-}
-
-/// A message to be sent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Outgoing {
-    /// The links.
-    pub to: Destination,
-    /// Which part of a link's bandwidth it uses.
-    pub priority: Priority,
-    /// Our system id.
-    pub system_id: u8,
-    /// Component id of the sender.
-    pub component_id: u8,
-    /// Message number and payload.
-    pub payload: Payload,
-}
-
-/// A change that the component's owner handles.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ComponentEvent {
-    /// The first heartbeat of an autopilot, or of another one after ours was lost.
-    Found {
-        /// Its system id.
-        system_id: u8,
-        /// Its MAV_AUTOPILOT: 3 ArduPilot, 12 PX4.
-        autopilot: u8,
-    },
-    /// Nothing was heard of the autopilot for 2.5 seconds.
-    Lost,
-    /// The autopilot that was served before is heard again.
-    Returned {
-        /// Its system id.
-        system_id: u8,
-    },
-    /// The autopilot's time since boot fell: attitudes from before are of another flight.
-    Restarted,
-    /// Attitude of the vehicle: rotation from body (forward, right, down) to north, east, down.
-    Attitude {
-        /// When it was measured, in microseconds of our clock.
-        time_us: i64,
-        /// Quaternion w, x, y, z of unit length in Q30.
-        quaternion: [i32; 4],
-    },
-    /// Angular velocity about the vehicle's axes (forward, right, down).
-    Rates {
-        /// When it was measured, in microseconds of our clock.
-        time_us: i64,
-        /// Radians a second.
-        rates: [I16F16; 3],
-    },
-    /// Attitude of the gimbal that carries the camera: rotation from its axes (forward, right, down) to north, east, down,
-    /// or to these turned by the vehicle's heading.
-    Gimbal {
-        /// When it was measured, in microseconds of our clock.
-        time_us: i64,
-        /// Quaternion w, x, y, z of unit length in Q30.
-        quaternion: [i32; 4],
-        /// Whether yaw counts from north; from the vehicle's heading otherwise.
-        from_north: bool,
-    },
-    /// The camera's horizontal field of view, as it says itself.
-    FieldOfView {
-        /// 1 to 170 degrees.
-        degrees: I16F16,
-    },
-    /// Objects are not put on the map any more, or again.
-    Map(News),
-    /// A parameter was set to another value, which is to be kept over a restart.
-    Parameter(Parameter),
-}
 
 /// Numbers of frames and messages that were received, refused or lost since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

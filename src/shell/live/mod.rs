@@ -2,6 +2,7 @@
 
 pub mod capture;
 pub mod check;
+mod components;
 pub mod config;
 mod events;
 pub mod image_health;
@@ -21,6 +22,7 @@ pub mod source;
 pub mod source_setting;
 mod stages;
 mod stream;
+pub mod summary;
 mod v4l2;
 mod worker;
 mod writer;

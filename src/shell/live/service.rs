@@ -4,43 +4,36 @@
 //! waits for neither of them, nor for a link or a disk, which have threads of their own.
 
 use super::capture::{Capture, CaptureState};
+use super::components::{component, parameters, specs};
 use super::config::ServiceConfig;
 use super::notify::Notify;
 use super::outputs::{Condition, ServiceOutputs};
 use super::pace::Pace;
 use super::source::{self, OpenSource};
-use super::stages::Stages;
+use super::summary::{ServiceSummary, state_in_words};
 use super::worker::{self, ProcessedFrame};
-use crate::detector::digest::Digest;
-use crate::mavlink::component;
-use crate::mavlink::component::Naming;
 use crate::mavlink::component::parameters::Parameters;
 use crate::mavlink::lookout::Lookout;
 use crate::mavlink::messages::Blind;
-use crate::mavlink::messages::adsb::{Assume, Callsign};
-use crate::mavlink::messages::status::{HeartbeatType, LookoutState};
+use crate::mavlink::messages::status::LookoutState;
 use crate::mavlink::messages::text::Notice;
 use crate::shell::error::Error;
 use crate::shell::formats::camera_file::CameraFile;
-use crate::shell::link::{Inbound, LinkSpec, Links, params};
+use crate::shell::link::{Inbound, Links, params};
 use crate::shell::pipeline::{self, DetectorArgs, ModelFile};
 use crate::shell::replay::telemetry::{self, signing_with};
 use crate::shell::support::clock::now_us;
-use crate::shell::support::histogram::Histogram;
 use crate::shell::support::interrupt::ServiceOrders;
 use crate::shell::support::keeper::Keeper;
 use crate::tracking::tracker;
 use crossbeam_channel::{Receiver, bounded, select};
-use std::fmt;
 use std::format;
 use std::io;
 use std::panic::resume_unwind;
-use std::path::Path;
 use std::string::{String, ToString};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
-use std::vec::Vec;
 
 /// Why the service cannot start.
 #[derive(Debug, thiserror::Error)]
@@ -69,41 +62,6 @@ const NOTICE_US: i64 = 1_000_000;
 const NOTICE_AGAIN_US: i64 = 60_000_000;
 /// From one line about the state to the next, microseconds.
 const STATUS_US: i64 = 1_000_000;
-
-/// Totals of a run.
-#[derive(Debug, Default)]
-pub struct ServiceSummary {
-    /// Processed frames.
-    pub frames: u64,
-    /// Frames left out because the detector was busy.
-    pub dropped: u32,
-    /// Frames lost on the way from the camera.
-    pub missed: u32,
-    /// Number of times the source was opened.
-    pub opened: u32,
-    /// All detections, as `lookout replay --digest` has them from the score on with which tracks go on.
-    pub digest: Digest,
-    /// Time of each stage.
-    pub stages: Stages,
-    /// From exposure to the last byte sent.
-    pub sent: Histogram,
-    /// Objects without a place on the map, in words; empty where all had one.
-    pub unplaced: String,
-}
-
-impl fmt::Display for ServiceSummary {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { frames, dropped, missed, opened, digest, stages, sent, unplaced } = self;
-        writeln!(
-            f,
-            "{frames} frames looked at, {dropped} left out as the detector was busy, {missed} lost on the way; source \
-             opened {opened} times; digest {:016x}",
-            digest.value()
-        )?;
-        f.write_str(&stages.table(sent))?;
-        f.write_str(unplaced)
-    }
-}
 
 /// Runs until `control` orders the end, or to the end of a recorded flight. `reread` reads the settings again for a reload.
 ///
@@ -475,80 +433,5 @@ impl<'a> Service<'a> {
             unplaced: telemetry::unplaced(&self.onboard).unwrap_or_default(),
             ..self.summary
         })
-    }
-}
-
-/// The parameters that are kept in a file, and who keeps it. A file that cannot be read is left as it is.
-fn parameters(path: Option<&Path>) -> (Parameters, Option<Keeper>) {
-    let Some(path) = path else { return (Parameters::default(), None) };
-    let keeper = || {
-        let keeper = Keeper::start(path);
-        keeper.map_err(|error| tracing::error!("parameters are not kept: {error}")).ok()
-    };
-    match params::load(path) {
-        Ok(parameters) => (parameters, keeper()),
-        Err(error) => {
-            tracing::error!(
-                "{}: {error}; the parameters' defaults are used, changes are not kept",
-                path.display()
-            );
-            (Parameters::default(), None)
-        }
-    }
-}
-
-fn specs(config: &ServiceConfig) -> Vec<LinkSpec> {
-    config.links.iter().map(|link| link.0.clone()).collect()
-}
-
-/// Settings of the component that do not change.
-fn component(config: &ServiceConfig) -> component::ComponentConfig {
-    let defaults = component::ComponentConfig::default();
-    let pixels = |side: u32| u16::try_from(side).unwrap_or(u16::MAX);
-    component::ComponentConfig {
-        system_id: config.system_id,
-        component_id: config.component_id,
-        camera: config.camera_component.map(|component_id| component::CameraComponent {
-            component_id,
-            width: pixels(config.camera.width),
-            height: pixels(config.camera.height),
-        }),
-        gimbal: config.camera.gimbal,
-        heartbeat: match config.heartbeat_type.as_str() {
-            "adsb" => HeartbeatType::Adsb,
-            "flarm" => HeartbeatType::Flarm,
-            _ => HeartbeatType::OnboardController,
-        },
-        naming: naming(config),
-        // Three frames of a slow camera.
-        stall_us: defaults.stall_us.max(3_000_000 / i64::from(config.camera.rate)),
-        ..defaults
-    }
-}
-
-/// Names of objects by the settings.
-fn naming(config: &ServiceConfig) -> Naming {
-    let assume = match config.traffic.assume.as_str() {
-        "aircraft" => Assume::Aircraft,
-        _ => Assume::Drone,
-    };
-    let mut naming = Naming { assume, ..Naming::default() };
-    for (place, callsign) in naming.fleet.iter_mut().zip(&config.traffic.fleet) {
-        *place = Callsign::new(callsign.as_bytes());
-    }
-    naming
-}
-
-fn state_in_words(state: LookoutState) -> String {
-    match state {
-        LookoutState::Starting => "starting, no frame yet".into(),
-        LookoutState::Watching => "watching for traffic".into(),
-        LookoutState::Stalled => "no frames, traffic is not watched".into(),
-        LookoutState::Slow => "the detector is too slow, traffic is not watched".into(),
-        LookoutState::NoAutopilot => "watching, but the autopilot is gone".into(),
-        LookoutState::Blind(blind) => {
-            let reasons: Vec<_> = blind.reasons().collect();
-            format!("blind: {}; traffic is not watched", reasons.join(", "))
-        }
     }
 }

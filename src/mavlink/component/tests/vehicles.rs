@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::mavlink::messages::adsb::Callsign;
+use crate::mavlink::messages::status::HeartbeatType;
 use crate::mavlink::messages::tests::{direction, own};
 use mavlink_core::types::CharArray;
 use std::string::ToString;
