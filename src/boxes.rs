@@ -11,7 +11,7 @@ use crate::channels::{Difference, Slice, Square};
 use crate::image::gradient::CELL;
 use crate::image::{Image, Rect};
 use crate::math::fixed::exp2_q16;
-use crate::stcube::cube::{Patch, SCALARS};
+use crate::stcube::cube::{Patch, SCALARS, Scalar};
 use crate::stcube::feature::{Feature, Features};
 use crate::stcube::spans::Ready;
 use crate::trees::Forest;
@@ -56,7 +56,7 @@ pub struct StretchedWindow {
     slice: Patch,
     /// [`NEWEST_CHANNELS`].
     newest: Patch,
-    /// The first is the box's shorter side in quarters of a pixel, the others are 0.
+    /// [`Scalar::SHORTER_SIDE`]; the others are 0.
     scalars: [u16; SCALARS],
 }
 
@@ -259,7 +259,7 @@ fn newest(grey: &WindowPixels, [far, near, plain]: [&WindowPixels; 3]) -> Square
 pub fn cut(pyramid: &Pyramid<'_>, rect: &Rect, window: &mut StretchedWindow) -> Rect {
     let rect = bounded(rect);
     let shorter = rect.width.min(rect.height).to_bits();
-    window.scalars[0] = (shorter >> 2) as u16;
+    window.scalars[Scalar::SHORTER_SIDE.place()] = (shorter >> 2) as u16;
     // The coarsest level that is not coarser than the window, whose pixels are a tenth of the box.
     let step = (i64::from(shorter) << 12) / (BOX_CELLS * CELL) as i64;
     let fine = |level: &PyramidLevel| i64::from(level.scale) <= step;

@@ -1,4 +1,4 @@
-//! Boosted decision trees evaluated where their bytes lie (level 1).
+//! Boosted decision trees evaluated where their bytes lie.
 //!
 //! Every tree is a complete binary tree of the same depth, so that evaluation takes `depth` steps for any bytes and cannot
 //! fail. Features are the caller's: `test(feature, threshold)` is whether the feature's value is above the threshold.

@@ -1,4 +1,4 @@
-//! Directions and attitudes (level 1).
+//! Directions and attitudes.
 //!
 //! Axes: a camera's x is right, y down, z forward; a body's (FRD) x is forward, y right, z down; the world's (NED) x is
 //! north, y east, z down.
@@ -59,7 +59,7 @@ pub struct Attitude {
 }
 
 impl Attitude {
-    /// No rotation.
+    /// The rotation that changes nothing.
     pub const IDENTITY: Self =
         Self { w: I2F30::ONE, x: I2F30::ZERO, y: I2F30::ZERO, z: I2F30::ZERO };
 
@@ -120,7 +120,7 @@ impl Attitude {
         .unwrap_or(Self::IDENTITY)
     }
 
-    /// Inverse rotation.
+    /// The inverse rotation: its transposed matrix, its conjugate quaternion.
     pub fn inverse(self) -> Self {
         Self { w: self.w, x: -self.x, y: -self.y, z: -self.z }
     }

@@ -1,4 +1,4 @@
-//! The vehicle's attitude at the time of a frame (level 2).
+//! The vehicle's attitude at the time of a frame.
 
 use crate::camera::attitude::Attitude;
 use crate::math::real::{Real, Vector};
@@ -78,7 +78,7 @@ fn insert<T, const N: usize>(kept: &mut heapless::Vec<(i64, T), N>, time_us: i64
 }
 
 impl AttitudeBuffer {
-    /// An empty buffer.
+    /// A buffer without attitudes.
     pub const fn new() -> Self {
         Self { kept: heapless::Vec::new(), rates: heapless::Vec::new(), held: 0 }
     }

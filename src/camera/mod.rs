@@ -1,4 +1,4 @@
-//! Camera model: pixels to directions and back (level 2).
+//! Camera model: pixels to directions and back.
 //!
 //! A camera has a [`Lens`], focal lengths and an optical axis, as OpenCV's calibration finds them. OpenCV puts the centre of a pixel at whole numbers; points of this
 //! crate's pictures are half a pixel further (see [`crate::image`]), which is taken care of here.
@@ -186,7 +186,7 @@ impl Camera {
         Some(Self { intrinsics, centre_error: scale(self.centre_error).max(CALIBRATED), ..*self })
     }
 
-    /// Intrinsic parameters.
+    /// Focal lengths, principal point and distortion, in pixels of the full frame.
     pub const fn intrinsics(&self) -> &Intrinsics {
         &self.intrinsics
     }

@@ -6,7 +6,7 @@ use crate::image::gradient::CellRow;
 /// A difference image of a level.
 #[derive(Debug, Clone, Copy)]
 pub struct Difference<'a> {
-    /// Grey levels.
+    /// Absolute differences in grey levels, 0 to 255.
     pub picture: Image<'a>,
     /// Whether a pixel is a whole cell of the level, not a pixel of it.
     pub halved: bool,
@@ -35,7 +35,7 @@ impl<'a> Difference<'a> {
 }
 
 impl<'a> DifferenceRow<'a> {
-    /// The row without its first cells.
+    /// The row from cell `first` on.
     #[inline(always)]
     pub(super) fn from(&self, first: usize) -> DifferenceRow<'a> {
         match self {

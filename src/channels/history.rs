@@ -1,4 +1,4 @@
-//! Number and size of the frames that the front end keeps (level 1).
+//! Number and size of the frames that the front end keeps.
 
 /// Frames that the front end keeps, and the lags of its differences.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -1,4 +1,4 @@
-//! Channels of one pyramid level: gradient energies and differences of its cells (level 2).
+//! Channels of one pyramid level: gradient energies and differences of its cells.
 //!
 //! A frame has eight channels a cell: [`ORIENTATIONS`] gradient energies, their magnitude and the temporal difference.
 //! Of the newest frame alone there are four more: intensity and all differences. Cells are computed from pictures where
@@ -19,7 +19,13 @@ use difference::{fill_difference, quarters};
 
 pub use difference::{Difference, DifferenceRow, RUN};
 
-/// Difference images beside the grey one: tolerant to a frame far back, tolerant and plain to that of the oldest slice.
+/// Number of difference images of the newest frame:
+///
+/// | image | compared with | value |
+/// | --- | --- | --- |
+/// | far | a frame further back | distance of a pixel to the range of the 3x3 pixels around it |
+/// | near | the frame of the oldest slice | the same |
+/// | plain | the frame of the oldest slice | absolute difference |
 pub const DIFFERENCES: usize = 3;
 
 /// Channels of every frame, and as many of the newest alone.
@@ -34,19 +40,19 @@ pub const TEMPORAL: usize = ORIENTATIONS + 1;
 /// Eight channels of the cells of a square, row by row.
 pub type Square<const N: usize> = [[[u8; CHANNELS]; N]; N];
 
-/// What is kept of a frame on a level.
+/// Pictures of one frame on one level, of which a slice of a st-cube is cut.
 #[derive(Debug, Clone, Copy)]
 pub struct Slice<'a> {
-    /// Grey levels.
+    /// Grey levels of the frame, 0 to 255, resampled to the level.
     pub grey: Image<'a>,
     /// Tolerant difference to the frame a few before.
     pub near: Difference<'a>,
 }
 
-/// What there is of the newest frame on a level.
+/// Pictures of the newest frame on one level: a slice, and differences that older frames lack.
 #[derive(Debug, Clone, Copy)]
 pub struct NewestChannels<'a> {
-    /// What is kept of it.
+    /// Grey picture and near difference, as of any frame.
     pub slice: Slice<'a>,
     /// Tolerant difference to a frame far back.
     pub far: Difference<'a>,
@@ -221,7 +227,7 @@ impl NewestChannels<'_> {
         square(self.slice.cells(), (x, y), |y| self.row(y), |row, x| row.second(x))
     }
 
-    /// Cells of row `y`. Panics if there are not so many.
+    /// Cells of row `y`. Panics if there are fewer rows.
     pub fn row(&self, y: usize) -> NewestRow<'_> {
         NewestRow {
             grey: CellRow::new(&self.slice.grey, y),
@@ -241,7 +247,7 @@ pub const GREY: usize = MAGNITUDE + 1;
 #[derive(Debug)]
 pub struct NewestRow<'a> {
     grey: CellRow<'a>,
-    /// Far, near, plain.
+    /// Rows of the difference images: far, near, plain.
     pub differences: [DifferenceRow<'a>; DIFFERENCES],
     oriented: bool,
 }

@@ -20,9 +20,9 @@ pub const PADDING: usize = 3;
 /// A position on a level: the upper left corner of a window, in quarters of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Position {
-    /// To the right.
+    /// Column of the corner, quarters of a cell to the right.
     pub x: i32,
-    /// Downwards.
+    /// Row of the corner, quarters of a cell downwards.
     pub y: i32,
 }
 

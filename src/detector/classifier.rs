@@ -50,20 +50,20 @@ impl Scored {
 /// Memory for one cube at a time.
 #[derive(Debug)]
 pub struct Workspace {
-    /// The cube.
+    /// St-cube of the candidate in hand; overwritten by the next one.
     pub cube: Cube,
     spans: Spans,
 }
 
 impl Workspace {
-    /// Nothing in it.
+    /// A workspace that no cube was cut into yet.
     pub const EMPTY: Self = Self { cube: Cube::EMPTY, spans: Spans::EMPTY };
 }
 
 /// The classifier of st-cubes on the newest frame.
 #[derive(Debug, Clone, Copy)]
 pub struct CubeClassifier<'a> {
-    /// The model.
+    /// Trees of the classifier and of the regressors.
     pub model: &'a Model<'a>,
     /// Parts of the method in use.
     pub method: Method,

@@ -1,4 +1,4 @@
-//! Detections: box, score, motion over the slices (level 1).
+//! Detections: box, score, motion over the slices.
 
 use crate::image::Rect;
 use fixed::types::I28F4;
@@ -9,9 +9,9 @@ pub const SHIFTS: usize = 3;
 /// Movement of an object in the image, in pixels of the frame (Q28.4).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Shift {
-    /// To the right.
+    /// Shift to the right, frame pixels.
     pub x: I28F4,
-    /// Downwards.
+    /// Shift downwards, frame pixels.
     pub y: I28F4,
 }
 

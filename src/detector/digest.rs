@@ -1,4 +1,4 @@
-//! One number for all detections of a flight, to compare machines by (level 2).
+//! One number for all detections of a flight, to compare machines by.
 
 use crate::detector::detection::Detection;
 use crc::{CRC_64_XZ, Crc, Table};

@@ -1,12 +1,12 @@
 //! Running means of detection scores over frames.
 //!
-//! An aircraft is where it was, give or take its motion, and looks like one in most frames; a false alarm often does not.
-//! A detection's score becomes the mean of its own and of what was found, frame by frame, where Algorithm 1 shows that the
-//! object was, over the last looks, with a prior as one look more while they are few. What is not found
-//! for a few frames is kept where the background's motion takes it, each miss a look with the prior's score. Sizes, which
-//! change slowly, are averaged over two looks.
+//! An aircraft is where it was, give or take its motion, and looks like one in most frames; a false alarm often does not. A
+//! detection's score becomes the mean of its own and of what was found, frame by frame, where Algorithm 1 shows that the
+//! object was, over the last looks, with a prior as one look more while they are few. An object that is not found for a few
+//! frames is kept where the background's motion takes it, each miss a look with the prior's score. Sizes, which change
+//! slowly, are averaged over two looks.
 //!
-//! What is older than [`MEMORY`] frames has no influence, so that a replay that begins later finds the same, bit for bit: a
+//! Frames older than [`MEMORY`] have no influence, so that a replay that begins later finds the same, bit for bit: a
 //! detection belongs to the box that was found last, of several in one frame to the nearest, by boxes as the frames gave
 //! them. Choosing the box with the best mean instead would let a mean reach back through all means before.
 //!
@@ -35,7 +35,7 @@ const LOOKS: usize = 32;
 const MISSES: u8 = 8;
 
 /// Frames, the newest among them, that a mean depends on: its looks, one a frame, and those over which the object of the
-/// oldest was told from others that were missed.
+/// oldest was distinguished from others that were missed.
 pub const MEMORY: usize = LOOKS + MISSES as usize + 1;
 
 /// An object of the last frames.
@@ -45,7 +45,7 @@ struct PastObject {
     rect: Rect,
     /// The last looks' log-odds, Q4, from the place of the next one on in the order of their times.
     scores: [i8; LOOKS],
-    /// Looks so far, at most [`LOOKS`], and the place of the next.
+    /// Number of looks, at most [`LOOKS`], and the place of the next.
     looks: u8,
     next: u8,
     /// Frames in a row without a detection.
@@ -109,7 +109,7 @@ impl<const N: usize> Persistence<N> {
         Self { last: heapless::Vec::new() }
     }
 
-    /// Forgets all.
+    /// Forgets all objects and their scores.
     pub fn clear(&mut self) {
         self.last.clear();
     }

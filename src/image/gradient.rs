@@ -1,4 +1,4 @@
-//! Gradient energy of cells by orientation (level 1).
+//! Gradient energy of cells by orientation.
 //!
 //! Central differences; the magnitude of each pixel is shared between the two nearest of [`ORIENTATIONS`] bins over
 //! 0..π and summed over cells of [`CELL`] x [`CELL`] pixels. Integers only. Orientation is measured by the diamond
@@ -26,7 +26,7 @@ pub(super) static THIRDS: [u32; 512] = {
     table
 };
 
-/// Energies of the bins while a cell is summed up. What is added to the bin behind the last one is the first one's, where
+/// Energies of the bins while a cell is summed up. Energy added to the bin behind the last one belongs to the first, where
 /// the turn begins anew; the last is room that saves a check.
 type Bins = [u32; 8];
 

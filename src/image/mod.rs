@@ -1,4 +1,4 @@
-//! Views of grey pictures, and boxes in them (level 0).
+//! Views of grey pictures, and boxes in them.
 //!
 //! Coordinates are continuous: x right, y down, the picture spans `0..width` by `0..height`, and the
 //! centre of pixel (i, j) is at (i + 1/2, j + 1/2).
@@ -105,7 +105,7 @@ impl<'a> Image<'a> {
         self.width
     }
 
-    /// Number of rows.
+    /// Number of rows of pixels.
     pub const fn height(&self) -> usize {
         self.height
     }
@@ -135,9 +135,9 @@ impl<'a> Image<'a> {
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rect {
-    /// Left edge.
+    /// Left edge, pixels from the left border of the frame.
     pub x: I28F4,
-    /// Upper edge.
+    /// Upper edge, pixels from the upper border of the frame.
     pub y: I28F4,
     /// Extent to the right, 0 or more.
     pub width: I28F4,

@@ -1,4 +1,4 @@
-//! Greedy non-maximum suppression (level 1).
+//! Greedy non-maximum suppression.
 
 use crate::image::Rect;
 

@@ -1,4 +1,4 @@
-//! Reduction of pictures: by two, and by fractions of an octave (level 1).
+//! Reduction of pictures: by two, and by fractions of an octave.
 
 use crate::image::Image;
 use crate::math::slices;

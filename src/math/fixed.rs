@@ -1,4 +1,4 @@
-//! Fixed-point helpers (level 0). Names of values end in their format: `_q8` has 8 fraction bits.
+//! Fixed-point helpers. Names of values end in their format: `_q8` has 8 fraction bits.
 
 /// `2^(i/32)` in Q16.
 static EXP2: [u32; 33] = [

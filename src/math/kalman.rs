@@ -1,5 +1,5 @@
 //! A value and its rate by a Kalman filter with a random acceleration: how wrong they are, and what a measurement changes
-//! (level 1).
+//!.
 //!
 //! The state itself is the caller's: one spread serves a vector whose axes are alike. Source: Bar-Shalom, Li, Kirubarajan,
 //! "Estimation with Applications to Tracking and Navigation", 2001, section 6.2.2.

@@ -1,4 +1,4 @@
-//! Small systems of linear equations in integers (level 0).
+//! Small systems of linear equations in integers.
 
 /// Bits by which the matrix is scaled up while it is reduced, so that rounding stays far below one unit of it.
 const GUARD: u32 = 16;

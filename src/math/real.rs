@@ -1,4 +1,4 @@
-//! Functions of numbers and angles in fixed point (level 0): roots, logarithms, sines, and vectors of three numbers.
+//! Functions of numbers and angles in fixed point: roots, logarithms, sines, and vectors of three numbers.
 //!
 //! Everything is a [`Real`], Q32.32. Series are short because their argument is brought near 0 first; errors are below
 //! 1e-7 unless said otherwise. Results saturate where they do not fit.
@@ -17,10 +17,10 @@ pub type Vector = [Real; 3];
 /// Half a turn in radians.
 pub const PI: Real = Real::PI;
 
-/// 1.
+/// One, in the format of [`Real`].
 pub const ONE: Real = Real::ONE;
 
-/// 0.
+/// Zero, in the format of [`Real`].
 pub const ZERO: Real = Real::ZERO;
 
 /// `numerator` / `denominator` at compile time, for constants.

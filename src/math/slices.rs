@@ -3,7 +3,7 @@
 
 use core::ops::Range;
 
-/// `length` items from item `start` on. Panics if there are not so many.
+/// `length` items from item `start` on. Panics if there are fewer.
 #[inline(always)]
 pub fn part<T>(items: &[T], start: usize, length: usize) -> &[T] {
     &items[start..][..length]
@@ -15,7 +15,7 @@ pub fn part_mut<T>(items: &mut [T], start: usize, length: usize) -> &mut [T] {
     &mut items[start..][..length]
 }
 
-/// The items of a range. Panics if there are not so many.
+/// The items of a range. Panics if there are fewer.
 #[inline(always)]
 pub fn of<T>(items: &[T], range: Range<usize>) -> &[T] {
     part(items, range.start, range.len())
@@ -27,7 +27,7 @@ pub fn of_mut<T>(items: &mut [T], range: Range<usize>) -> &mut [T] {
     part_mut(items, range.start, range.len())
 }
 
-/// The first `length` items and the rest. Panics if there are not so many.
+/// The first `length` items and the rest. Panics if there are fewer.
 #[inline(always)]
 pub fn split<T>(items: &[T], length: usize) -> (&[T], &[T]) {
     items.split_at(length)

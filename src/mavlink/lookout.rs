@@ -1,4 +1,4 @@
-//! Tracker, threat and MAVLink component joined, on the clock of the frames (level 9).
+//! Tracker, threat and MAVLink component joined, on the clock of the frames.
 //!
 //! Without I/O: a recorded flight, a live one and a board without an operating system run the same code.
 
@@ -218,7 +218,7 @@ impl Lookout {
         self.health.pointed
     }
 
-    /// What became of all objects: how many had no place in the world, and why.
+    /// Counts of objects that had a place in the world, and of those without one by cause.
     pub fn placing(&self) -> &Placing {
         &self.placing
     }

@@ -1,4 +1,4 @@
-//! Why objects that are followed are not put on the map: counted, and said when it goes on (level 8).
+//! Why objects that are followed are not put on the map: counted, and said when it goes on.
 
 /// Why an object has no direction in the world, or no place to count it from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,7 +51,7 @@ pub struct PlacingCounts {
 }
 
 impl PlacingCounts {
-    /// All objects.
+    /// Number of objects, with and without a place.
     pub fn all(&self) -> u32 {
         self.lost.iter().fold(self.placed, |sum, lost| sum.saturating_add(*lost))
     }
@@ -80,13 +80,13 @@ pub enum News {
     Good,
 }
 
-/// What became of all objects so far.
+/// Counts of objects with and without a place since the start, and the reports that are due.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Placing {
     total: PlacingCounts,
     window: PlacingCounts,
     since_us: Option<i64>,
-    told: Option<(UnplacedCause, i64)>,
+    reported: Option<(UnplacedCause, i64)>,
 }
 
 impl Placing {
@@ -101,14 +101,14 @@ impl Placing {
         self.window.count(cause);
     }
 
-    /// All objects so far, one count for each in each frame.
+    /// Counts since the start, one for each object in each frame.
     pub fn counts(&self) -> &PlacingCounts {
         &self.total
     }
 
     /// The cause that was reported last and still holds.
     pub fn current(&self) -> Option<UnplacedCause> {
-        self.told.map(|(cause, _)| cause)
+        self.reported.map(|(cause, _)| cause)
     }
 
     /// After a frame: news where more than a quarter of the last two seconds' objects were lost, and again after a minute, or
@@ -120,18 +120,18 @@ impl Placing {
         }
         self.since_us = Some(now_us);
         let window = core::mem::take(&mut self.window);
-        match (window.worst(), self.told) {
-            (Some((cause, lost)), told) if lost > window.all() / 4 => {
-                let known = told.is_some_and(|(before, at_us)| {
+        match (window.worst(), self.reported) {
+            (Some((cause, lost)), reported) if lost > window.all() / 4 => {
+                let known = reported.is_some_and(|(before, at_us)| {
                     before == cause && now_us.saturating_sub(at_us) < AGAIN_US
                 });
                 (!known).then(|| {
-                    self.told = Some((cause, now_us));
+                    self.reported = Some((cause, now_us));
                     News::Lost(cause)
                 })
             }
             (None, Some(_)) if window.placed > 0 => {
-                self.told = None;
+                self.reported = None;
                 Some(News::Good)
             }
             _ => None,

@@ -1,4 +1,4 @@
-//! Score calibration: a table of the precision at each score (level 1).
+//! Score calibration: a table of the precision at each score.
 //!
 //! Little-endian knots of 8 bytes: score (`i32`, Q16), precision (`u32`, Q16, at most 1). Scores rise strictly,
 //! precisions never fall. Measured by the trainer on clips held back; a model may have none.

@@ -1,9 +1,9 @@
-//! The model file: one checked, zero-copy view of bytes (level 6).
+//! The model file: one checked, zero-copy view of bytes.
 //!
 //! Little-endian. `LOOKOUT\0`, format version (`u16`), two bytes of 0, length of the file (`u32`), CRC-32 of all that
-//! follows (ISO-HDLC, `u32`), the geometry that the trees were trained on (8 bytes), the lengths of the sections
-//! (`u32` each), the sections. What the reader was not built for is refused, never guessed. Version 1 ended before
-//! [`Section::Calibration`], version 2 before [`Section::FitFeatures`]: what is missing is read as empty.
+//! follows (ISO-HDLC, `u32`), the geometry that the trees were trained on (8 bytes), the lengths of the sections (`u32`
+//! each), the sections. Files of another version or geometry are refused. Version 1 ended before [`Section::Calibration`],
+//! version 2 before [`Section::FitFeatures`]: missing sections are read as empty.
 
 pub mod calibration;
 
@@ -162,14 +162,14 @@ pub enum ModelError {
     Geometry,
     /// The trees of a section are not valid.
     Trees {
-        /// The section.
+        /// Section of the model file at fault.
         section: Section,
-        /// The reason.
+        /// Fault of its trees.
         error: ForestError,
     },
     /// A section's content is not valid.
     Content {
-        /// The section.
+        /// Section of the model file at fault.
         section: Section,
     },
 }
@@ -343,7 +343,7 @@ impl<'m> Model<'m> {
         self.method
     }
 
-    /// The file's bytes.
+    /// Bytes of the whole file, header and checksum included.
     pub fn bytes(&self) -> &'m [u8] {
         self.bytes
     }

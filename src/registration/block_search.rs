@@ -1,4 +1,4 @@
-//! The shift of a whole small picture against an older one by exhaustive search (level 1).
+//! The shift of a whole small picture against an older one by exhaustive search.
 //!
 //! For frames that moved farther than tracking reaches: a camera that yaws fast. The mean absolute difference of the parts
 //! that overlap is compared for every whole shift within a range; brightness may change by a constant.

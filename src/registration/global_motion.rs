@@ -1,4 +1,4 @@
-//! Global motion between two frames, and its robust fit to the shifts of corners (level 1).
+//! Global motion between two frames, and its robust fit to the shifts of corners.
 //!
 //! Far background seen by a turning camera moves, to first order, by quadratic polynomials with eight parameters
 //! (Longuet-Higgins & Prazdny 1980; "planar motion"), which need no division for a point and are linear in the

@@ -1,4 +1,4 @@
-//! Sparse optical flow: corner detection and tracking (level 1).
+//! Sparse optical flow: corner detection and tracking.
 //!
 //! Corners after Harris & Stephens (1988), tracking after Lucas & Kanade (1981) in the form whose gradients are those
 //! of the template, one level of a pyramid at a time. All in integers.

@@ -1,4 +1,4 @@
-//! Registration: the motion of the background from frame to frame (level 2).
+//! Registration: the motion of the background from frame to frame.
 //!
 //! Corners of the new frame are tracked into the last one, coarse to fine, from an eighth of the resolution to a half. On
 //! each level a global motion is fitted to them robustly and predicts the shifts on the next level. Where that fails, the

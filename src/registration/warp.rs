@@ -1,4 +1,4 @@
-//! Warping of an older frame to the newest one, and temporal differences (level 3).
+//! Warping of an older frame to the newest one, and temporal differences.
 
 use crate::image::Image;
 use crate::math::slices;
@@ -152,8 +152,8 @@ impl RowSegment {
         Self { x: self.x + i, y: self.y, shift, slope: self.slope }
     }
 
-    /// Samples `N` pixels from two runs of consecutive bytes, which the compiler turns into vector instructions. False
-    /// when that cannot be: there are not so many, the whole part of the shift changes on the way, or pixels are missing.
+    /// Samples `N` pixels from two runs of consecutive bytes, which the compiler turns into vector instructions. False when
+    /// that cannot be: there are fewer, the whole part of the shift changes on the way, or pixels are missing.
     #[inline(always)]
     fn copy_straight<const N: usize>(&self, from: Image<'_>, out: &mut [u8]) -> bool {
         let Ok(out) = <&mut [u8; N]>::try_from(out) else { return false };

@@ -1,4 +1,4 @@
-//! The scan in front of the st-cubes: a soft cascade over every window of every level (level 5).
+//! The scan in front of the st-cubes: a soft cascade over every window of every level.
 //!
 //! Each weak learner is a small tree over single values of the level's map (Dollar et al. 2014, aggregate channel
 //! features), with a rejection threshold after each tree (Bourdev & Brandt 2005). Map and thresholds are bytes.

@@ -1,4 +1,4 @@
-//! The candidates of a frame: the scan over the maps of all levels, and which of its windows are handed on (level 6).
+//! The candidates of a frame: the scan over the maps of all levels, and which of its windows are handed on.
 //!
 //! Maps are computed in strips of a few rows and scanned at once: a whole map would be the largest thing in memory.
 
@@ -40,7 +40,7 @@ type TopWindows = BinaryHeap<(i32, Reverse<(i16, i16)>), Min, MAX_KEPT>;
 /// The windows that are handed on, best first.
 pub type Candidates = heapless::Vec<Candidate, MAX_CANDIDATES>;
 
-/// What the scan did.
+/// Numbers of windows and trees that the scan evaluated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ScanWork {
     /// Windows that were looked at.
@@ -54,9 +54,9 @@ pub struct ScanWork {
 /// Memory of the search; what is in it does not matter.
 #[derive(Debug)]
 pub struct Scratch<'b> {
-    /// At least [`bytes_len`].
+    /// At least [`bytes_len`] bytes; contents do not matter.
     pub bytes: &'b mut [u8],
-    /// At least [`words_len`].
+    /// At least [`words_len`] words; contents do not matter.
     pub words: &'b mut [u16],
 }
 
@@ -200,7 +200,7 @@ pub fn count_trees(
     (tests / u64::from(cascade.depth()), windows)
 }
 
-/// What the scan of one level found.
+/// Best windows and counts of one level.
 struct LevelFound {
     number: u8,
     windows: u32,

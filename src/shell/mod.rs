@@ -1,4 +1,4 @@
-//! The shell: everything that needs an operating system (level 10).
+//! The shell: everything that needs an operating system.
 
 pub mod bench;
 pub mod cli;

@@ -1,4 +1,4 @@
-//! Algorithm 1 of the paper, object-centric motion compensation: regressors centre every slice on the object (level 5).
+//! Algorithm 1 of the paper, object-centric motion compensation: regressors centre every slice on the object.
 //!
 //! For each slice, from the newest back in time: cut the patch, predict from its HoG the object's offset from the middle
 //! (φ_h, φ_v), move the patch there, and repeat while the last move was longer than ε and fewer than n_max moves were

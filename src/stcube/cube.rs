@@ -1,4 +1,4 @@
-//! St-cubes: windows on the gradient energies of several frames (level 3).
+//! St-cubes: windows on the gradient energies of several frames.
 //!
 //! A [`Patch`] is one slice: the summed-area table (Viola & Jones 2001, sec. 2.1) of a window of [`WINDOW`] x [`WINDOW`]
 //! cells, cut out at a quarter of a cell. Since box sums are linear in the table's corners, interpolated corners give the box sums of the
@@ -37,8 +37,8 @@ impl Patch {
         }
     }
 
-    /// Cuts the window whose upper left corner is at (x, y), in quarters of a cell, out of a frame. What lies outside of
-    /// it counts as 0.
+    /// Cuts the window whose upper left corner is at (x, y), in quarters of a cell, out of a frame. Cells outside of it are
+    /// 0.
     pub fn cut(&mut self, slice: &Slice<'_>, x: i32, y: i32) {
         let (cell, part) = corner(x, y);
         self.sum_up(&slice.square(cell.0, cell.1), part);
@@ -165,6 +165,8 @@ pub struct Scalar(usize);
 impl Scalar {
     /// Score of the scan, Q8 log-odds and 32768, clamped to 16 bits.
     pub const SCAN_SCORE: Self = Self(0);
+    /// Of a window that is stretched to a box, which has no scan score: the box's shorter side in quarters of a pixel.
+    pub const SHORTER_SIDE: Self = Self(0);
     /// Length of the level's nominal target, pixels of the frame.
     pub const TARGET_LENGTH: Self = Self(1);
     /// 1 if the newest frame was registered to the one before, else 0.
@@ -179,7 +181,7 @@ impl Scalar {
 }
 
 impl Cube {
-    /// Sets a scalar.
+    /// Writes `value` to the place of `scalar`.
     pub fn set(&mut self, scalar: Scalar, value: u16) {
         self.scalars[scalar.place()] = value;
     }

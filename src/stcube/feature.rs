@@ -1,4 +1,4 @@
-//! Features of a st-cube: energies of boxes in it (level 4).
+//! Features of a st-cube: energies of boxes in it.
 //!
 //! E(b, R, o), the paper's eq. 2, is the energy of orientation o over a box R of the cube (x, y and t) divided by the
 //! energy of all orientations over R (Levi & Weiss 2004). The same box sums against other denominators give the HoG of

@@ -60,7 +60,7 @@ pub struct Ready<'a> {
 }
 
 impl Spans {
-    /// No sums yet.
+    /// Sums of no cube.
     pub const EMPTY: Self = Self { sums: [NOTHING; SUMMED] };
 
     /// Computes the sums of `cube`.

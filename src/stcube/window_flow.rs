@@ -1,4 +1,4 @@
-//! The slices of a cube along the optical flow of its window (level 6).
+//! The slices of a cube along the optical flow of its window.
 //!
 //! The paper's comparison for Algorithm 1 (section 4.2): pyramidal Lucas-Kanade flow of the window's content from slice to
 //! slice. It follows structure, which over trees and fields is the background's.

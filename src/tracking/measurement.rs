@@ -12,7 +12,7 @@ use fixed::types::I28F4;
 /// Attitudes of the camera in a frame and the frames before it.
 #[derive(Debug, Clone)]
 pub struct CameraPose<'a> {
-    /// The camera.
+    /// Intrinsics and mounting of the camera.
     pub camera: &'a Camera,
     /// From the body to the frame of reference.
     pub attitude: Attitude,
@@ -26,9 +26,9 @@ pub struct CameraPose<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct Measurement {
     pub rect: Rect,
-    /// Of the detection.
+    /// [`Detection::score`](crate::detector::Detection::score): mean over the last frames, log-odds, Q16.
     pub score: i32,
-    /// Of the detection.
+    /// Score of the frame alone, log-odds, Q16.
     pub frame_score: i32,
     pub direction: Vector,
     pub variance: Real,

@@ -1,4 +1,4 @@
-//! Detections in, traffic out (level 5): tracks and their threat, the camera's own turning removed.
+//! Detections in, traffic out: tracks and their threat, the camera's own turning removed.
 //!
 //! Directions are followed in a frame of reference that stands still: the world's where the vehicle's attitude is known.
 //! Where it is not, the turning of the camera is the rotation that explains the motion of the background best; the frame
@@ -113,7 +113,7 @@ impl TrafficMonitor {
         self.alerts.set(settings.threat);
     }
 
-    /// The camera.
+    /// Camera that directions are computed with.
     pub const fn camera(&self) -> &Camera {
         &self.camera
     }

@@ -1,4 +1,4 @@
-//! Threat of an object: time to contact, closest point of approach, alert level (level 4).
+//! Threat of an object: time to contact, closest point of approach, alert level.
 //!
 //! A camera measures angles alone. Three things follow from them without a range:
 //! - the inverse of the growth of the angular size is the time to contact, range over closing speed (Lee, "A theory of
@@ -40,9 +40,9 @@ pub struct AlertSettings {
     /// The same for caution, in seconds, `warning_time` to 60. Default 16.
     pub caution_time: Real,
     /// Distance at the closest approach below which an object is on a collision course, in metres for an object of the
-    /// assumed wingspan, 0 to 1000. Default 1, the assumed wingspan: there two such wings touch. `airborne/train` warns alike
-    /// from 1 to 2 (once more than at 0.5); an object that turns as it crosses grows as if it came near, and is less often
-    /// taken for one that does. What passes by farther off is a caution.
+    /// assumed wingspan, 0 to 1000. Default 1, the assumed wingspan: there two such wings touch. `airborne/train` warns
+    /// alike from 1 to 2 (once more than at 0.5); an object that turns as it crosses grows as if it came near, and is less
+    /// often taken for one that does. An object that passes by farther off is a caution.
     pub warning_distance: Real,
     /// The same for caution, in metres. Default 8.
     pub caution_distance: Real,
@@ -107,7 +107,7 @@ impl AlertSettings {
 /// The vehicle at the time of the newest frame.
 #[derive(Debug, Clone)]
 pub struct Observer<'a> {
-    /// Its camera.
+    /// Camera that the frame was taken with.
     pub camera: &'a Camera,
     /// From the body to the tracks' frame of reference.
     pub attitude: Attitude,

@@ -1,4 +1,4 @@
-//! Multiple-object tracker: data association and Kalman filters in angle space (level 3).
+//! Multiple-object tracker: data association and Kalman filters in angle space.
 //!
 //! A track is a direction in a frame of reference that does not turn with the camera, its rate, the logarithm of the
 //! object's angular size and the growth of that. The growth g is the inverse of the time to contact: at a constant
@@ -49,7 +49,7 @@ const SUPPORT: i32 = 2 << 16;
 /// One track: identity, score, state of its Kalman filters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Track {
-    /// Number, from 1.
+    /// Number of the track, from 1, in the order in which tracks start.
     pub id: u16,
     /// Whether the track is confirmed.
     pub confirmed: bool,
@@ -301,7 +301,7 @@ impl Tracker {
         self.settings = settings.limited();
     }
 
-    /// The tracks.
+    /// Tracks after the last frame, confirmed or not.
     pub fn tracks(&self) -> &[Track] {
         &self.tracks
     }
@@ -321,7 +321,7 @@ impl Tracker {
         }
     }
 
-    /// Ends all tracks.
+    /// Ends all tracks; numbers go on.
     pub fn clear(&mut self) {
         self.tracks.clear();
     }

@@ -1,4 +1,4 @@
-//! Traffic: the tracker's output about one object, its direction, range, time to contact and alert level (level 2).
+//! Traffic: the tracker's output about one object, its direction, range, time to contact and alert level.
 //!
 //! The tracker and the judgement of threats fill these in; messages, logs and pages read them. All in fixed point.
 
@@ -34,7 +34,7 @@ pub enum AlertLevel {
 /// A measured quantity and its standard deviation, in the same unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Estimate {
-    /// Estimated value.
+    /// Estimate, in the unit of the field.
     pub value: I16F16,
     /// One standard deviation, 0 or more.
     pub sigma: I16F16,
@@ -55,7 +55,7 @@ pub struct Traffic {
     pub confirmed: bool,
     /// Whether this frame has no detection of it and its position is predicted.
     pub coasting: bool,
-    /// Alert level.
+    /// Alert level of the object in this frame.
     pub level: AlertLevel,
     /// Direction from the vehicle in body axes: forward, right, down.
     pub body: Direction,

@@ -94,7 +94,7 @@ impl<'b> FrontEnd<'b> {
             + if scratch > warped { scratch } else { warped }
     }
 
-    /// Forgets all frames.
+    /// Forgets all frames: the next one is the first of a history.
     pub fn restart(&mut self) {
         self.state.restart();
     }

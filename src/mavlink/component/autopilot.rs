@@ -48,9 +48,9 @@ const GYROSCOPE: u16 = 0b11_1000;
 /// The autopilot we belong to.
 #[derive(Debug, Clone, Copy)]
 pub struct Autopilot {
-    /// Its system id.
+    /// MAVLink system id of the autopilot, 1 to 255.
     pub system_id: u8,
-    /// Its component id.
+    /// MAVLink component id of the autopilot, usually 1.
     pub component_id: u8,
     /// Its MAV_AUTOPILOT: 3 ArduPilot, 12 PX4.
     pub kind: u8,
@@ -363,7 +363,7 @@ impl Component {
         self.say(Destination::Link(from.link), self.config.component_id, Priority::Answer, &answer);
     }
 
-    /// Whether the autopilot is still there, and what it is to be asked.
+    /// Checks whether the autopilot is still heard, and queues requests to it.
     pub(super) fn keep_autopilot(&mut self, now_us: i64) {
         let Some(own) = self.autopilot else { return };
         if own.is_silent(now_us) {
@@ -406,7 +406,7 @@ impl Component {
         self.ask_for(to, SYSTEM_TIME_DATA::ID, position.min(1));
     }
 
-    /// Asks a component (system, component, link) for a message so many times a second; 0 asks for nothing.
+    /// Asks a component (system, component, link) for a message at `rate` Hz; 0 asks for nothing.
     pub(super) fn ask_for(&mut self, (system, component, link): (u8, u8, u8), id: u32, hertz: u32) {
         let Some(interval) = 1_000_000u32.checked_div(hertz) else { return };
         // Numbers below 2^24 are whole in an f32.

@@ -1,4 +1,4 @@
-//! How often a message comes, and when it is to be asked for again.
+//! Interval between messages of one kind, and the time to ask for them again.
 
 /// First and longest wait before a message that comes too rarely is asked for again, microseconds: a slow radio link is
 /// not to be filled with questions that it cannot answer better.
@@ -21,7 +21,7 @@ pub(super) struct Cadence {
 }
 
 impl Cadence {
-    /// It came.
+    /// Records that the message arrived at `now_us`.
     pub fn heard(&mut self, now_us: i64) {
         if let Some(last) = self.last_us {
             let new = now_us.saturating_sub(last).clamp(0, PAUSE_US);
@@ -45,8 +45,8 @@ impl Cadence {
         self.asked_us.is_some()
     }
 
-    /// Whether to ask for it now, where it is `wanted`: at once, after 5 s, 10 s, and so on up to once a minute. What comes
-    /// as it should begins anew.
+    /// Whether to ask for it now, where it is `wanted`: at once, after 5 s, 10 s, and so on up to once a minute. Messages at
+    /// the wanted interval reset it.
     pub fn ask(&mut self, wanted: bool, now_us: i64) -> bool {
         if !wanted {
             self.asked = 0;

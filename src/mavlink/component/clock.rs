@@ -10,7 +10,7 @@ const SLOW_US: i64 = 500_000;
 /// An offset this far from the one in use is no noise.
 const JUMP_US: i64 = 50_000;
 
-/// So many of them in a row are the new truth.
+/// Number of deviating round trips in a row after which the new offset is taken.
 const JUMPS: u8 = 3;
 
 /// A stamp further in the past than this does not belong to this clock.
@@ -36,7 +36,7 @@ pub struct ClockOffset {
 }
 
 impl ClockOffset {
-    /// Round trips that count so far.
+    /// Number of round trips that the estimate is made of.
     pub fn trips(&self) -> u32 {
         self.trips
     }

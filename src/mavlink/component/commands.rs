@@ -1,8 +1,7 @@
 //! MAVLink commands to the lookout, and their acknowledgements.
 //!
-//! COMMAND_LONG, COMMAND_INT and COMMAND_ACK are read and written by hand: the crate's types cannot hold a command
-//! that is younger than this program, and just those are to be answered.
-//! Source: <https://mavlink.io/en/services/command.html>.
+//! COMMAND_LONG, COMMAND_INT and COMMAND_ACK are read and written by hand: the crate's types cannot hold a command that is
+//! younger than this program, and those too must be answered. Source: <https://mavlink.io/en/services/command.html>.
 
 use super::written::{ByHand, SentMessage};
 use super::{Component, Destination, Priority, Sender};

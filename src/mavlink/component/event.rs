@@ -54,6 +54,6 @@ pub enum ComponentEvent {
     },
     /// Objects are not put on the map any more, or again.
     Map(News),
-    /// A parameter was set to another value, which is to be kept over a restart.
+    /// A parameter was set to another value, which its owner keeps over a restart.
     Parameter(Parameter),
 }

@@ -42,11 +42,11 @@ pub enum Destination {
 /// A message to be sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Outgoing {
-    /// The links.
+    /// Links that the message leaves by.
     pub to: Destination,
     /// Which part of a link's bandwidth it uses.
     pub priority: Priority,
-    /// Our system id.
+    /// System id of the sender, ours.
     pub system_id: u8,
     /// Component id of the sender.
     pub component_id: u8,

@@ -37,7 +37,7 @@ pub struct Gimbal {
     link: u8,
     clock: ClockOffset,
     attitude: Cadence,
-    /// The component that told a field of view first.
+    /// The component that sent the first field of view.
     camera: Option<u8>,
     view: Cadence,
 }

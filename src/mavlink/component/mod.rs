@@ -1,4 +1,4 @@
-//! The lookout as a MAVLink component: protocol state, services, reports of traffic (level 4).
+//! The lookout as a MAVLink component: protocol state, services, reports of traffic.
 //!
 //! A state machine without I/O: received frames go in with [`Component::receive`], traffic with [`Component::observe`];
 //! [`Component::poll`] returns messages to send, [`Component::event`] changes that its owner handles.
@@ -54,7 +54,7 @@ use streams::{LastSeen, STREAMS, Timer};
 /// Numbers of frames and messages that were received, refused or lost since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counters {
-    /// Frames received.
+    /// Frames received with a right checksum, refused ones included.
     pub received: u32,
     /// Frames that do not hold what their number says.
     pub malformed: u32,
@@ -433,8 +433,7 @@ impl Component {
         self.config.system_id.or(served).unwrap_or(1)
     }
 
-    /// Without a finished frame for this long the lookout counts as stalled, in microseconds: longer for a detector that takes
-    /// so long, which is another fault.
+    /// Time without a finished frame after which the lookout counts as stalled, in microseconds.
     fn stall_us(&self) -> i64 {
         let busy = if self.slow { 3 * i64::from(self.health.busy_us) } else { 0 };
         self.config.stall_us.saturating_add(busy)

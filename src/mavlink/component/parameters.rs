@@ -46,7 +46,7 @@ pub enum Parameter {
     Health,
 }
 
-/// Number of parameters.
+/// Number of parameters of the component, `param_count` in PARAM_VALUE.
 pub const COUNT: usize = 12;
 
 /// Values that a parameter may have between its least and its largest.
@@ -103,7 +103,7 @@ impl Parameter {
         DEFINITIONS.iter().map(|d| d.0)
     }
 
-    /// Its index.
+    /// Position in the list of parameters, from 0: `param_index` in PARAM_VALUE.
     pub fn index(self) -> usize {
         self as usize
     }

@@ -49,7 +49,7 @@ pub(super) const STREAMS: [MessageStream; 6] = [
     MessageStream::Image,
 ];
 
-/// When a stream was last sent, and how often it is to be.
+/// Time a stream was last sent, and its interval.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Timer {
     next_us: Option<i64>,

@@ -67,7 +67,7 @@ impl Callsign {
         Some(Self(name))
     }
 
-    /// Its letters.
+    /// Letters and digits without the padding, at most 8.
     pub fn as_str(&self) -> &str {
         let end = self.0.iter().position(|&c| c == 0).unwrap_or(self.0.len());
         core::str::from_utf8(&self.0[..end]).unwrap_or_default()
@@ -85,7 +85,7 @@ impl core::fmt::Display for Callsign {
 pub struct Identity {
     /// ICAO address, 24 bits: its key for every receiver.
     pub address: u32,
-    /// Its name.
+    /// Callsign of the object in ADSB_VEHICLE and in texts.
     pub callsign: Callsign,
     /// Aircraft type that it is reported as.
     pub assume: Assume,
@@ -186,7 +186,7 @@ pub fn vehicle(
     Some(data)
 }
 
-/// COLLISION (247) of an object on the map, its threat by its level. What is not known is NaN. `None` under the same
+/// COLLISION (247) of an object on the map, its threat by its level. Unknown values are NaN. `None` under the same
 /// conditions as [`vehicle`], but for our own place.
 pub fn collision(traffic: &Traffic, identity: &Identity) -> Option<COLLISION_DATA> {
     let range = traffic.range.filter(|range| traffic.confirmed && range.value > 0)?;

@@ -1,4 +1,4 @@
-//! MAVLink messages about traffic and about the lookout itself (level 3).
+//! MAVLink messages about traffic and about the lookout itself.
 //!
 //! Each builder returns the payload of one message, or `None` where a required value is not known. No clock, no I/O, no state but that of [`text::Alerts`]. Floating point stands only in fields
 //! that are `f32` on the wire. Field by field the builders follow what ArduPilot, PX4 and the ground stations read.
@@ -35,7 +35,7 @@ pub struct Blind(u8);
 impl Blind {
     /// Nothing hinders the view.
     pub const NO: Self = Self(0);
-    /// Too dark.
+    /// Picture too dark to see anything in.
     pub const DARK: Self = Self(1);
     /// The sun, or another light that whitens the picture.
     pub const GLARE: Self = Self(2);
@@ -76,7 +76,7 @@ impl Blind {
     }
 }
 
-/// Counts, latency and blindness of the frames so far.
+/// Counts, latency and blindness of the frames since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Health {
     /// Frames the detector really finished, since the start.

@@ -55,8 +55,8 @@ impl Payload {
             + consts::CHECKSUM_SIZE
     }
 
-    /// The MAVLink 2 frame. With `signed` it has room for a signature, which is to be filled in.
-    /// Source: <https://mavlink.io/en/guide/serialization.html>.
+    /// The MAVLink 2 frame. With `signed` it has room for a signature, which the caller fills in. Source:
+    /// <https://mavlink.io/en/guide/serialization.html>.
     pub fn frame(
         &self,
         system: u8,

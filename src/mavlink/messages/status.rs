@@ -42,7 +42,7 @@ pub enum LookoutState {
     Blind(Blind),
     /// No frame was finished of late.
     Stalled,
-    /// Frames come, but the detector takes so long for one that nothing can be followed.
+    /// Frames come, but the detector takes too long for one to follow objects.
     Slow,
     /// Frames show something, but the autopilot that was served is gone: nothing has a place on the map.
     NoAutopilot,
@@ -168,7 +168,7 @@ pub fn protocol() -> crate::mavlink::dialect::PROTOCOL_VERSION_DATA {
     }
 }
 
-/// COMPONENT_INFORMATION_BASIC (396).
+/// COMPONENT_INFORMATION_BASIC (396): the answer to a request for it.
 pub fn component(time_boot_ms: u32) -> COMPONENT_INFORMATION_BASIC_DATA {
     COMPONENT_INFORMATION_BASIC_DATA {
         capabilities: capabilities(),

@@ -1,4 +1,4 @@
-//! The map of one pyramid level, in which the scan looks up single values (level 3).
+//! The map of one pyramid level, in which the scan looks up single values.
 //!
 //! [`MAP_CHANNELS`] bytes a cell: the channels of the newest frame, normalised by what is around them. The map is
 //! computed from above, a strip of a few rows at a time, with running sums over the square around each cell.

@@ -123,7 +123,7 @@ pub(super) fn sum_along(sums: &[u16], out: &mut [u16]) {
     }
 }
 
-/// What a row of the map is computed from.
+/// Rows of cells and sums that one row of the map is computed from.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CellRows<'a> {
     /// Planes of cells.

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use std::vec;
 use std::vec::Vec;
 
-/// The whole map of a level, computed in strips of so many rows.
+/// The whole map of a level, computed in strips of `rows` rows.
 fn whole(
     newest: &NewestChannels<'_>,
     noise: [u32; 3],

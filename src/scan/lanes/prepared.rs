@@ -144,7 +144,7 @@ impl<'a> Windows<'a> {
     }
 }
 
-/// Gets a window's column and row, the number of trees that it has outlived and its score so far.
+/// Gets a window's column and row, the number of trees that it has outlived and its score by those.
 pub(super) type Survivors<'a> = &'a mut dyn FnMut(usize, usize, usize, i16);
 
 impl<'m> Cascade<'m> {

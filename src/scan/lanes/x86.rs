@@ -1,7 +1,7 @@
 //! The operations of x86-64.
 //!
 //! Bytes of a map are signed since there is one instruction that compares those, and two for others. The mean of a value and
-//! a constant, whose first bit tells the same, is no way round: the compiler takes it apart.
+//! a constant, whose first bit is the same answer, is no way round: the compiler takes it apart.
 
 /// Operations on 16 bytes and 16 sums.
 pub mod sse41 {

@@ -66,7 +66,7 @@ pub struct BenchFigures {
     pub processor: String,
     /// Instructions that the scan uses.
     pub instruction_set: String,
-    /// Version of Lookout.
+    /// Version of the program that measured.
     pub version: String,
 }
 

@@ -16,7 +16,7 @@ pub enum Mark {
 /// Something that was found, in words.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
-    /// Severity.
+    /// Severity: good, a note, or a fault.
     pub mark: Mark,
     /// Sentence for the user.
     pub text: String,

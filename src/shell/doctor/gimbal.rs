@@ -1,4 +1,4 @@
-//! What gimbals say: how often, and from where their yaw counts.
+//! Gimbals: the rate of their attitudes, and the reference of their yaw.
 
 use super::finding::{Finding, Mark, good, note};
 use super::request::{RepeatedRequest, command_long};
@@ -66,7 +66,7 @@ impl Gimbals {
             .then(|| command_long((system, component), command, [VIEW, VIEW_US]))
     }
 
-    /// What was found.
+    /// Findings about each gimbal that was heard; none without any.
     pub fn findings(&self) -> Vec<Finding> {
         let mut findings = Vec::new();
         for (component, (rate, from_north)) in &self.heard {

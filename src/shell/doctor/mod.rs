@@ -43,7 +43,7 @@ pub enum DoctorError {
     NoPicture {
         /// The source, without user and password.
         name: String,
-        /// The reason.
+        /// Error of the source.
         reason: LiveError,
     },
     /// A link on which nothing was heard.

@@ -17,7 +17,7 @@ use std::vec::Vec;
 const AHEAD: u16 = 1234;
 /// Tolerance of its distance for rounding in the autopilot.
 const ROUNDING: u16 = 2;
-/// Microseconds from the start to the first of these messages: armed vehicles are to be known by then.
+/// Microseconds from the start to the first of these messages: armed vehicles must be known by then.
 const WAIT_US: i64 = 1_500_000;
 /// Microseconds from one to the next.
 const INTERVAL_US: i64 = 100_000;
@@ -34,7 +34,7 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// Starts the probe.
+    /// A probe that starts at `now_us`, microseconds.
     pub fn new(now_us: i64) -> Self {
         Self { due_us: now_us + WAIT_US, sent: 0, refused: false, echo: None, healthy: None }
     }

@@ -1,4 +1,4 @@
-//! What is asked of others.
+//! Requests to other components, repeated until they are answered.
 
 use crate::mavlink::dialect::{COMMAND_LONG_DATA, MavCmd};
 use crate::mavlink::messages::Payload;

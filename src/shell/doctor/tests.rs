@@ -251,7 +251,7 @@ fn with_autopilot() -> Examination {
     examination
 }
 
-/// What is heard of an autopilot that sends attitudes, and another message, so often.
+/// Findings about an autopilot that sends attitudes and another message at these intervals.
 fn with_rates(attitude_us: i64, other: Option<(u8, MavMessage, i64)>) -> Examination {
     let mut examination = with_autopilot();
     for now in (0..6_000_000).step_by(10_000) {

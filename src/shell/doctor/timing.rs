@@ -50,7 +50,7 @@ pub struct Sync {
 }
 
 impl Sync {
-    /// The next request.
+    /// The next message to send, if one is due.
     pub fn poll(&mut self, (system, component): (u8, u8), now_us: i64) -> Option<Payload> {
         if now_us < self.due_us {
             return None;

@@ -38,7 +38,7 @@ pub struct Bootstrap {
 }
 
 impl Bootstrap {
-    /// So many draws of `clips` clips.
+    /// `resamples` draws of `clips` clips each.
     pub fn new(clips: usize, resamples: usize, seed: u64) -> Self {
         let mut random = Random::new(seed);
         let mut draw = || {

@@ -23,7 +23,7 @@ use std::vec::Vec;
 /// Results of one clip.
 #[derive(Debug, Default)]
 pub struct ClipResult {
-    /// Detections.
+    /// Detections of all frames, in the order of the frames.
     pub found: Vec<DetectionRecord>,
     /// Counts of the scan.
     pub scan: ScanCounts,
@@ -41,7 +41,7 @@ pub struct ClipResult {
     pub textures: Vec<f64>,
     /// Additional data for a report.
     pub seen: Option<FrameMeasurements>,
-    /// Tracks and alerts.
+    /// Results of tracker and alerts; `None` without `--tracks`.
     pub tracks: Option<ClipTracks>,
 }
 
@@ -82,7 +82,7 @@ impl ScanCounts {
         }
     }
 
-    /// Adds another sum.
+    /// Adds the counts of another clip.
     pub fn add(&mut self, other: &Self) {
         self.frames += other.frames;
         self.windows += other.windows;
@@ -131,11 +131,11 @@ impl From<ScanCounts> for ScanFigures {
 pub struct RunSettings<'a> {
     /// None where nothing is learned.
     pub model: Option<&'a Model<'a>>,
-    /// The detector's switches.
+    /// Switches of the detector on the command line.
     pub detector: &'a DetectorArgs,
     /// Settings of the tracker; `None`: no tracking.
     pub follow: Option<FollowSettings>,
-    /// Folder for detections.
+    /// Folder that detections are written to, one file a clip.
     pub out: Option<&'a Path>,
 }
 

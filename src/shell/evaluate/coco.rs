@@ -1,8 +1,8 @@
 //! Ground truth and detections as COCO JSON, for pycocotools and the programs that read what it reads.
 //!
-//! One category, since the detector does not name classes; that of the labels stands beside as `class`. What the scorer
-//! ignores is a crowd region: pycocotools then counts a detection neither way that lies on it with the share of its own
-//! area that the threshold asks for (half at IoU 0.5, as the scorer). The first frames, which the scorer leaves out, are
+//! One category, since the detector does not name classes; that of the labels stands beside as `class`. Boxes that the
+//! scorer ignores are crowd regions: pycocotools then counts a detection neither way that lies on it with the share of its
+//! own area that the threshold asks for (half at IoU 0.5, as the scorer). The first frames, which the scorer leaves out, are
 //! left out.
 
 use super::matching::{DetectionRecord, WARMUP, must_be_found};

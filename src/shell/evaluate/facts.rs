@@ -18,11 +18,11 @@ const DEFAULT_RATE: f64 = 30.0;
 /// Properties of a clip.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Facts {
-    /// Frames a second.
+    /// Frame rate, frames a second.
     pub rate: f64,
     /// Whether a file says that rate; else it is measured, or 30.
     pub rate_given: bool,
-    /// Kind of encounter.
+    /// Kind of encounter, as `camera.json` or the table names it.
     pub kind: Option<String>,
     /// Agitation of the camera; larger is rougher.
     pub agitation: Option<f64>,
@@ -81,7 +81,7 @@ fn table_path(data: &Path) -> Option<PathBuf> {
     Some(split.parent()?.join(format!("{name}.csv")))
 }
 
-/// What a table or manifest says of a clip; as in [`Facts`].
+/// Columns of a table or manifest about a clip, as in [`Facts`].
 #[allow(missing_docs, reason = "Facts has the same fields")]
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Listed {

@@ -25,7 +25,7 @@ pub const HOVER_BEFORE_TEXTURE: &str = "hover before texture";
 /// A clip as this needs it.
 #[derive(Debug, Clone, Copy)]
 pub struct KindClip<'a> {
-    /// Its detections, matched.
+    /// Detections of the clip, matched to its ground truth.
     pub matches: &'a ClipMatches,
     /// Texture around each target, grey levels; none where frames were not seen.
     pub textures: Option<&'a [f64]>,
@@ -36,7 +36,7 @@ pub struct KindClip<'a> {
 /// Figures of one kind.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct KindRow {
-    /// Kind of footage.
+    /// Kind of footage, as the table of clips names it.
     pub kind: String,
     /// Clips with such targets.
     pub clips: usize,

@@ -42,7 +42,7 @@ pub enum Match {
 pub struct Matched {
     /// Its place in the list that was matched.
     pub index: usize,
-    /// Its score.
+    /// Score of the detection, log-odds.
     pub score: f64,
     /// Result of the match.
     pub kind: Match,
@@ -72,11 +72,11 @@ pub struct ExpectedTarget {
 /// The detections of a clip, matched.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ClipMatches {
-    /// Frames counted.
+    /// Number of frames that were evaluated.
     pub frames: u64,
     /// Targets that must be found, in the order of frames and of the ground truth.
     pub targets: Vec<ExpectedTarget>,
-    /// Boxes on birds.
+    /// Ground-truth boxes of birds, which are background.
     pub birds: usize,
     /// Detections in the order of frames, highest score first.
     pub detections: Vec<Matched>,

@@ -59,7 +59,7 @@ pub enum EvaluateError {
     /// No clip of a folder has one of the names given.
     #[error("{}: no clip in it whose name contains '{}'", path.display(), names.join("' or '"))]
     NoClips {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
         /// The names given.
         names: Vec<String>,
@@ -67,7 +67,7 @@ pub enum EvaluateError {
     /// A folder that holds detections of none of the clips.
     #[error("{}: no CLIP.txt in it for any clip of the split; give the folder with its detections", path.display())]
     NoDetections {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
     },
     /// A manifest without a folder for results.
@@ -79,7 +79,7 @@ pub enum EvaluateError {
     /// Two methods of one name.
     #[error("--external {name}: two methods of this name; take another name for one of them")]
     SameName {
-        /// The name.
+        /// Name that is not known.
         name: String,
     },
     /// Clips that could not be measured.

@@ -8,7 +8,7 @@ const OUTSIDE: f64 = 0.05;
 /// Events, and how many there are in an hour with the 95 % interval of that rate.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct PoissonRate {
-    /// Events counted.
+    /// Number of events counted.
     pub events: u64,
     /// Events an hour; none without any time.
     pub per_hour: Option<f64>,

@@ -23,7 +23,7 @@ const SPANS: [(&str, f64); 3] =
 pub struct SpanRanges {
     /// Label of the group.
     pub name: &'static str,
-    /// Targets in it.
+    /// Number of targets in the group.
     pub targets: usize,
     /// Of these, targets that a confirmed track was on at any time.
     pub tracked: usize,
@@ -31,7 +31,7 @@ pub struct SpanRanges {
     pub first_track_m: Option<f64>,
     /// Farthest distance of a frame with a confirmed track, metres.
     pub farthest_m: Option<f64>,
-    /// Figures by distance.
+    /// Figures by distance, nearest first.
     pub bins: Vec<RangeBin>,
 }
 
@@ -42,7 +42,7 @@ pub struct RangeBin {
     pub from_m: f64,
     /// Below this one; none: without end.
     pub to_m: Option<f64>,
-    /// Frames of targets.
+    /// Frames of targets at a distance within the bin.
     pub frames: u64,
     /// Share of them with a confirmed track on the target; none without frames.
     pub tracked: Option<f64>,

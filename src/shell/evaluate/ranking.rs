@@ -13,14 +13,14 @@ pub struct RankedDetection {
     pub score: f64,
     /// Whether it found a target.
     pub hit: bool,
-    /// The clip's number.
+    /// Position of the clip in the evaluated list, from 0.
     pub clip: usize,
 }
 
 /// Frames and targets of a clip.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ClipCount {
-    /// Frames counted.
+    /// Number of frames that were evaluated.
     pub frames: u64,
     /// Targets that must be found.
     pub targets: usize,

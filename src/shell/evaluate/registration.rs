@@ -2,7 +2,7 @@
 //! measured motion, agrees with the frame.
 //!
 //! Residual: mean absolute grey difference over a grid of pixels; without registration the same pixel of both frames is
-//! compared. What moves by itself, parallax and noise stay in it.
+//! compared. Moving objects, parallax and noise stay in it.
 
 use crate::detector::Detections;
 use crate::shell::sources::Frame;

@@ -23,7 +23,7 @@ pub struct ReliabilityRow {
     pub stated: f64,
     /// The score, log-odds.
     pub score: f64,
-    /// Detections that count.
+    /// Detections of this score or more that are right or wrong.
     pub detections: u64,
     /// Share of right ones found, with the interval over clips.
     pub found: Interval,

@@ -115,11 +115,11 @@ impl Scorer {
 /// Share of targets of one kind that were found at any score.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Share {
-    /// Kind of footage.
+    /// Kind of footage, as the table of clips names it.
     pub name: String,
     /// Found of all, 0 to 1; none without targets.
     pub recall: Option<f64>,
-    /// Number of targets.
+    /// Number of targets in the ground truth.
     pub targets: usize,
 }
 
@@ -130,11 +130,11 @@ pub struct AccuracyReport {
     pub average_precision: f64,
     /// Intersection over union from which a detection is right.
     pub iou: f64,
-    /// Frames counted.
+    /// Number of frames that were evaluated.
     pub frames: u64,
     /// Targets that must be found.
     pub positives: usize,
-    /// Detections that count.
+    /// Detections that are right or wrong; those on ignored boxes are neither.
     pub detections: usize,
     /// Best recall where precision is at least 0.5, 0.9, 0.95.
     pub recall_at_precision: [f64; 3],

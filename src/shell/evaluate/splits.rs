@@ -13,7 +13,7 @@ use std::{eprintln, format};
 /// A clip that took no part, and why.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct UnusableClip {
-    /// Its name.
+    /// Name of the clip's folder or file.
     pub clip: String,
     /// The reason in words.
     pub reason: String,

@@ -99,9 +99,9 @@ pub struct EvaluationSummary {
 pub struct SummaryInputs<'a> {
     /// Name of the method, where several are run.
     pub method: Option<&'a str>,
-    /// The evaluated splits.
+    /// Splits that were evaluated.
     pub splits: &'a Splits,
-    /// Results by clip.
+    /// One result a clip, in the order of the splits.
     pub results: &'a [ClipResult],
     /// The model; none where nothing is learned or detections are read from files.
     pub model: Option<&'a Model<'a>>,

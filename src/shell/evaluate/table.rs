@@ -19,7 +19,7 @@ impl Table {
         table
     }
 
-    /// Adds a row.
+    /// Appends a row; the first cell is its heading.
     pub fn row<T: AsRef<str>>(&mut self, cells: &[T]) {
         self.rows.push(cells.iter().map(|cell| cell.as_ref().to_owned()).collect());
     }

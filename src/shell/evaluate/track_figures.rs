@@ -54,7 +54,7 @@ pub struct TrackFigures {
     pub assumed_cameras: u64,
     /// Clips without attitudes: the pictures' own motion instead.
     pub without_attitude: u64,
-    /// Confirmed tracks.
+    /// Tracks that were confirmed at any time.
     pub confirmed_tracks: u64,
     /// Share of the targets' frames covered by the target's most frequent track.
     pub continuity: Option<f64>,

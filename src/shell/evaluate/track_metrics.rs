@@ -30,7 +30,7 @@ const COMPARED: f64 = 4.0;
 /// Settings of tracking clips.
 #[derive(Debug, Clone, Copy)]
 pub struct FollowSettings {
-    /// Tracker and alerts.
+    /// Settings of tracker and alerts.
     pub tracking: TrafficSettings,
     /// Whether to use the attitudes of `truth.csv`.
     pub with_attitude: bool,
@@ -108,7 +108,7 @@ impl TrackResult {
 pub struct RangeSample {
     /// Number of the target.
     pub id: i64,
-    /// Distance, metres.
+    /// Distance between camera and target, metres.
     pub range_m: f64,
     /// Whether a confirmed track was on it.
     pub tracked: bool,
@@ -129,7 +129,7 @@ pub struct ClipTracks {
     pub with_attitude: bool,
     /// Targets by number; birds are none.
     pub targets: Vec<(i64, TargetResult)>,
-    /// Confirmed tracks.
+    /// Tracks that were confirmed at any time.
     pub tracks: Vec<TrackResult>,
     /// Confirmed tracks that were on no object most of the time.
     pub false_tracks: u64,
@@ -139,7 +139,7 @@ pub struct ClipTracks {
     pub bearing: Vec<f64>,
     /// True time to contact, the estimate and its error where it is known.
     pub times: Vec<(f64, Option<(f64, f64)>)>,
-    /// Targets by distance.
+    /// One sample a frame and target whose distance is known.
     pub ranges: Vec<RangeSample>,
 }
 

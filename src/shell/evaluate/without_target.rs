@@ -20,13 +20,13 @@ type Count = fn(&TrackResult) -> u64;
 /// A clip as this needs it.
 #[derive(Debug, Clone, Copy)]
 pub struct QuietClip<'a> {
-    /// Its detections, matched.
+    /// Detections of the clip, matched to its ground truth.
     pub matches: &'a ClipMatches,
     /// Its tracks; none where nothing was followed.
     pub tracks: Option<&'a ClipTracks>,
     /// Properties of the clip.
     pub facts: &'a Facts,
-    /// Its length, hours.
+    /// Length of the clip in hours.
     pub hours: f64,
 }
 
@@ -63,7 +63,7 @@ fn cause(facts: &Facts, bird: bool) -> FalseReportCause {
 /// Rates of one kind of event.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EventRates {
-    /// Kind of footage.
+    /// Kind of footage that the rates are of.
     pub name: &'static str,
     /// Rate of all false reports.
     pub all: PoissonRate,
@@ -81,9 +81,9 @@ struct CauseRate {
 /// Figures of the clips without a target.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WithoutTarget {
-    /// Number of clips.
+    /// Clips without a target.
     pub clips: usize,
-    /// Their length, hours.
+    /// Length of these clips together, hours.
     pub hours: f64,
     /// Least score of the detections counted, log-odds; none: all.
     pub score: Option<f64>,

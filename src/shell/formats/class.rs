@@ -24,7 +24,7 @@ impl Class {
     /// All classes, by number.
     pub const ALL: [Self; 4] = [Self::Drone, Self::Airplane, Self::Helicopter, Self::Bird];
 
-    /// The classes that are to be reported, by number.
+    /// Classes that a detection must be of to be right, by number.
     pub const TARGETS: [Self; 3] = [Self::Drone, Self::Airplane, Self::Helicopter];
 
     /// The class of a number in `gt.txt`, 1 to 4.

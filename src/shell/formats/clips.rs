@@ -26,7 +26,7 @@ pub struct Clip {
     pub directory: PathBuf,
     /// Its video, or the folder with its pictures; for [`crate::shell::sources::open`].
     pub input: PathBuf,
-    /// The labelled boxes.
+    /// Labelled boxes of all frames.
     pub ground_truth: GroundTruth,
     /// Rate, number and size of the frames by `seqinfo.ini`.
     pub info: SeqInfo,
@@ -79,9 +79,9 @@ impl FrameSource for AtRate {
 /// A clip that cannot be read.
 #[derive(Debug)]
 pub struct BrokenClip {
-    /// Its name.
+    /// Name of the clip that cannot be read.
     pub name: String,
-    /// The reason.
+    /// Reason why it cannot be read.
     pub error: ClipsError,
 }
 
@@ -219,7 +219,7 @@ pub enum ClipsError {
     /// A folder cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Read {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
@@ -231,7 +231,7 @@ pub enum ClipsError {
         path.display()
     )]
     NoClips {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
     },
     /// A clip without frames.
@@ -257,7 +257,7 @@ pub enum ClipsError {
     /// A video in a folder of labelled videos that has no labels.
     #[error("{}: no labels beside it; an empty NAME.txt says that nothing flies in it", path.display())]
     NoLabels {
-        /// The video.
+        /// Path of the video.
         path: PathBuf,
     },
     /// Labels that are not understood.

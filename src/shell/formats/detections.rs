@@ -30,7 +30,7 @@ pub type Box4 = [f64; 4];
 pub struct DetectionRecord {
     /// The frame, from 1.
     pub frame: u64,
-    /// Its box.
+    /// Left, top, width and height in frame pixels.
     pub rect: Box4,
     /// Score; larger is more likely a target.
     pub score: f64,
@@ -94,7 +94,7 @@ pub fn found(frame: u64, detections: &Detections) -> impl Iterator<Item = Detect
 pub struct TextFile {
     path: PathBuf,
     file: File,
-    /// Bytes of the pieces written so far.
+    /// Bytes of the pieces written.
     whole: u64,
 }
 

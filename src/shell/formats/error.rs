@@ -21,7 +21,7 @@ pub enum FormatError {
     /// A line of a text file that is not understood.
     #[error("{} line {line}: {reason}", path.display())]
     Line {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The line, from 1.
         line: usize,

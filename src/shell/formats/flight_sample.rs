@@ -15,7 +15,7 @@ pub enum FlightLogError {
     /// The file cannot be read.
     #[error("{}: {source}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
@@ -23,7 +23,7 @@ pub enum FlightLogError {
     /// An autopilot's log that holds nothing of the flight.
     #[error("{}: no {wanted} in this log; give a log of a flight", path.display())]
     Nothing {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The records that were looked for.
         wanted: &'static str,
@@ -37,7 +37,7 @@ pub enum FlightSample {
     Attitude {
         /// Time of measurement.
         time_us: i64,
-        /// The quaternion.
+        /// Rotation from body to north, east, down: w, x, y, z.
         quaternion: [f64; 4],
     },
     /// Position and velocity.

@@ -39,15 +39,15 @@ pub struct Notes {
 pub struct TruthBox {
     /// The object; the same in all frames of a clip.
     pub id: i64,
-    /// Left edge.
+    /// Left edge, pixels from the left border of the frame.
     pub left: f64,
-    /// Upper edge.
+    /// Upper edge, pixels from the upper border of the frame.
     pub top: f64,
-    /// Width, above 0.
+    /// Width in pixels, above 0.
     pub width: f64,
-    /// Height, above 0.
+    /// Height in pixels, above 0.
     pub height: f64,
-    /// Its class.
+    /// Class of the object in the box.
     pub class: Class,
     /// Share of the object that is seen, 0..=1; below 1 it is cut by the frame's edge or covered.
     pub visibility: f64,
@@ -99,7 +99,7 @@ pub enum TruthError {
     /// The file cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
@@ -107,11 +107,11 @@ pub enum TruthError {
     /// A line that is not understood.
     #[error("{}:{line}: {reason}", path.display())]
     Line {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// The reason.
+        /// Fault of the line.
         reason: LineError,
     },
 }
@@ -122,25 +122,25 @@ pub enum LineError {
     /// A field that is no number.
     #[error("field '{field}' is '{text}', expected a number")]
     NotANumber {
-        /// Its name.
+        /// Name of the field at fault.
         field: &'static str,
-        /// Its text.
+        /// Text of the field.
         text: String,
     },
     /// A line with too few fields.
     #[error("field '{field}' is missing")]
     Missing {
-        /// Its name.
+        /// Name of the field at fault.
         field: &'static str,
     },
     /// A number out of its range.
     #[error("field '{field}' is '{value}', expected {expected}")]
     Range {
-        /// Its name.
+        /// Name of the field at fault.
         field: &'static str,
-        /// The number.
+        /// Number that is out of range.
         value: f64,
-        /// Its range.
+        /// Range that is expected.
         expected: &'static str,
     },
     /// A header that names other columns.
@@ -149,7 +149,7 @@ pub enum LineError {
          frame,id,left,top,width,height[,conf[,class[,visibility]]]"
     )]
     Header {
-        /// The name.
+        /// Name that is not known.
         name: String,
         /// Its place, from 1.
         column: usize,

@@ -24,7 +24,7 @@ pub enum SeqInfoError {
     /// The file cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
@@ -32,13 +32,13 @@ pub enum SeqInfoError {
     /// A value that is not understood.
     #[error("{}:{line}: {key} is '{value}', expected {expected}", path.display())]
     Value {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// The key.
+        /// Key at fault.
         key: &'static str,
-        /// Its text.
+        /// Text of the value.
         value: String,
         /// The expected form.
         expected: &'static str,

@@ -166,7 +166,7 @@ pub enum TlogError {
     /// The file cannot be opened or read on.
     #[error("{}: byte {offset}: cannot read: {source}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Bytes read before.
         offset: u64,
@@ -176,7 +176,7 @@ pub enum TlogError {
     /// No message in the whole file.
     #[error("{}: bytes 0 to {length}: no MAVLink message with a time before it; {}", path.display(), advice(*bare))]
     NoMessages {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Its length in bytes.
         length: u64,
@@ -186,7 +186,7 @@ pub enum TlogError {
     /// The times are not 8 bytes big-endian in microseconds.
     #[error("{}: the times before the messages are {found}; a telemetry log has microseconds since 1970, 8 bytes big-endian", path.display())]
     Times {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Their encoding.
         found: WrongTimes,

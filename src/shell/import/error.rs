@@ -11,7 +11,7 @@ pub enum ImportError {
     /// A file or folder cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
@@ -19,7 +19,7 @@ pub enum ImportError {
     /// A file or folder cannot be written.
     #[error("{}: cannot be written: {source}", path.display())]
     Write {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
@@ -27,13 +27,13 @@ pub enum ImportError {
     /// A folder without labels of this form.
     #[error("{}: no labels of this form in it; give the data set's top folder, or the file with the labels", path.display())]
     Nothing {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
     },
     /// JSON that is not of the form.
     #[error("{}: {source}", path.display())]
     Json {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Place and reason.
         source: serde_json::Error,
@@ -41,7 +41,7 @@ pub enum ImportError {
     /// XML that is damaged.
     #[error("{}: {source}", path.display())]
     Xml {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Place and reason.
         source: roxmltree::Error,
@@ -49,11 +49,11 @@ pub enum ImportError {
     /// A value that is missing or not understood.
     #[error("{}{}: {what} is '{value}', expected {expected}", path.display(), line.map_or(String::new(), |l| std::format!(":{l}")))]
     Value {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The line, from 1, where there are lines.
         line: Option<u32>,
-        /// The field.
+        /// Field of the label at fault.
         what: &'static str,
         /// Its text; empty where it is missing.
         value: String,
@@ -63,7 +63,7 @@ pub enum ImportError {
     /// A picture whose size cannot be read.
     #[error("{}: not a picture: {source}", path.display())]
     Picture {
-        /// The picture.
+        /// Path of the picture.
         path: PathBuf,
         /// The decoder's reason.
         source: image::ImageError,
@@ -88,7 +88,7 @@ pub enum ImportError {
         "two sequences of the name {name}: import them one after the other into different folders"
     )]
     SameName {
-        /// The name.
+        /// Name that is not known.
         name: String,
     },
     /// A `gt.txt` that is not understood.

@@ -14,7 +14,7 @@ use std::{format, fs, io};
 /// Counts of clips and labels that were written.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ImportCounts {
-    /// Number of clips.
+    /// Clips that were written.
     pub clips: usize,
     /// Number of boxes in `gt.txt`.
     pub boxes: usize,

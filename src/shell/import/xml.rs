@@ -20,7 +20,7 @@ pub fn text(path: &Path) -> Result<String, ImportError> {
 #[derive(Debug)]
 pub struct Xml<'a> {
     path: &'a Path,
-    /// The tree.
+    /// Elements and attributes of the file.
     pub document: Document<'a>,
 }
 

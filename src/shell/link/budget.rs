@@ -55,7 +55,7 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// Full buckets.
+    /// A budget of `bytes_per_second` whose token buckets are full.
     pub fn new(bytes_per_second: u32) -> Self {
         let rate = i64::from(bytes_per_second);
         // A single answer has to fit on the slowest link.

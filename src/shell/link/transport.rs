@@ -189,7 +189,7 @@ impl Transport {
     /// Sends a whole frame. To nobody where nobody is there yet.
     ///
     /// # Errors
-    /// The system's; part of the frame may have gone, and the link is to be opened again.
+    /// The system's; part of the frame may have gone, and the link must be opened again.
     pub fn send(&mut self, frame: &[u8]) -> io::Result<()> {
         match &mut self.medium {
             Medium::UdpOut(socket, _) => match socket.send(frame) {

@@ -44,7 +44,7 @@ pub struct LinkShared {
     pub opened: AtomicU32,
 }
 
-/// A link's thread.
+/// Thread that reads from and writes to one link.
 pub struct Worker {
     pub index: u8,
     pub spec: LinkSpec,

@@ -35,7 +35,7 @@ pub enum CaptureState {
 /// Shared view of the capture.
 #[derive(Debug, Default)]
 pub struct Capture {
-    /// The newest frame.
+    /// Place that the newest frame waits in for the detector.
     pub mailbox: Mailbox,
     /// Frames lost on the way from the camera, since the start.
     pub missed: AtomicU32,
@@ -48,7 +48,7 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// Its state.
+    /// State of the capture now.
     pub fn state(&self) -> CaptureState {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -110,7 +110,7 @@ impl Capture {
         Ok(())
     }
 
-    /// Opens the source and takes its frames until it fails, or is to be left.
+    /// Opens the source and takes its frames until it fails, or the settings or the user end it.
     fn serve(
         &self,
         config: &ServiceConfig,

@@ -31,7 +31,7 @@ pub struct Fault {
 pub struct UnusableSettings {
     /// The file of the settings.
     pub path: PathBuf,
-    /// Number of faults.
+    /// Number of settings that are wrong.
     pub faults: usize,
 }
 
@@ -146,7 +146,7 @@ fn can_be_made(path: &Path) -> Result<(), String> {
     }
 }
 
-/// Whether the folder in which `path` is to be made exists.
+/// Checks that the folder exists in which `path` will be created.
 fn parent(path: &Path) -> Result<(), String> {
     let folder = match path.parent() {
         Some(folder) if folder != Path::new("") => folder,

@@ -42,7 +42,7 @@ pub struct Measures {
 }
 
 impl Measures {
-    /// Measures a frame.
+    /// Statistics of the grey levels of `frame`.
     pub fn of(frame: &Frame) -> Self {
         let (mut dark, mut white, mut count) = (0u32, 0u32, 0u32);
         for row in frame.pixels.chunks_exact(frame.width.max(1)).step_by(STEP) {

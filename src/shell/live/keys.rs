@@ -36,7 +36,7 @@ pub enum KeyKind {
 pub struct Key {
     /// Name; `TABLE.NAME` for a key in a table.
     pub name: &'static str,
-    /// Type and range.
+    /// Type and range of the value.
     pub kind: KeyKind,
     /// Unit, or form of the value.
     pub unit: &'static str,

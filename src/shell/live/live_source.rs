@@ -22,7 +22,7 @@ pub enum LiveError {
     /// That was the last one.
     #[error("the flight has ended")]
     Ended,
-    /// The source is to be opened again.
+    /// Error that opening the source again may remove.
     #[error("{0}")]
     Gone(String),
     /// A file that no opening again will mend.

@@ -58,7 +58,7 @@ impl Notify {
         self.send(&format!("RELOADING=1\nMONOTONIC_USEC={}", now_us()));
     }
 
-    /// The service stops.
+    /// Sends `STOPPING=1` to the service manager.
     pub fn stopping(&self) {
         self.send("STOPPING=1");
     }
@@ -76,7 +76,7 @@ impl Notify {
         self.watchdog_us.is_some_and(|patience| now_us() - self.fed_us >= patience / 3)
     }
 
-    /// Resets the watchdog.
+    /// Sends `WATCHDOG=1` to the service manager.
     pub fn feed(&mut self) {
         self.send("WATCHDOG=1");
         self.fed_us = now_us();

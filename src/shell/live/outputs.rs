@@ -39,7 +39,7 @@ pub struct Condition {
     pub frames: (u64, u32, f64),
     /// Stages of the work: name, median, 99th percentile in microseconds.
     pub latency: Vec<(&'static str, i64, i64)>,
-    /// What to do about a detector that is too slow.
+    /// Advice where the detector is too slow for the frame rate.
     pub advice: Option<String>,
 }
 

@@ -11,7 +11,7 @@ const ENOUGH: f64 = 10.0;
 const LOAD: f64 = 0.8;
 /// Frames a second above which more say little more.
 const WANTED: f64 = 30.0;
-/// Sides of the advised size are multiples of this, pixels, and at least so often.
+/// Sides of the advised size are multiples of this, pixels, and the advice changes by at least as much.
 const STEP: f64 = 16.0;
 const LEAST: f64 = 10.0;
 
@@ -66,7 +66,7 @@ impl Pace {
         self.advice.as_deref().filter(|_| new)
     }
 
-    /// What to do, while the detector does not keep up.
+    /// Advice while the detector is slower than the frames; `None` while it keeps up.
     pub fn advice(&self) -> Option<&str> {
         self.advice.as_deref()
     }

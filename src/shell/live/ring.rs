@@ -89,7 +89,7 @@ impl FolderRing {
         }
     }
 
-    /// The newest folder.
+    /// Path of the newest folder; `None` before the first one.
     pub fn current(&self) -> Option<&Path> {
         self.folders.back().map(|(path, _)| path.as_path())
     }

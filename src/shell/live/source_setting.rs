@@ -126,7 +126,7 @@ impl SourceSetting {
         matches!(self, Self::Address(_) | Self::Program { .. })
     }
 
-    /// User and password of an address with the `@` behind them, which nobody else is to see.
+    /// User and password of an address with the `@` behind them, which must not be logged.
     pub fn secret(&self) -> Option<&str> {
         let Self::Address(address) = self else { return None };
         let (_, rest) = address.split_once("://")?;

@@ -12,7 +12,7 @@ use std::vec::Vec;
 /// Totals of a run.
 #[derive(Debug, Default)]
 pub struct ServiceSummary {
-    /// Processed frames.
+    /// Number of frames that the detector processed.
     pub frames: u64,
     /// Frames left out because the detector was busy.
     pub dropped: u32,

@@ -22,9 +22,9 @@ const SLICE: Duration = Duration::from_millis(100);
 /// A frame and its detections.
 #[derive(Debug)]
 pub struct ProcessedFrame {
-    /// The processed frame.
+    /// Frame that was processed.
     pub frame: Arc<Frame>,
-    /// Its detections.
+    /// Detections of the frame.
     pub found: Detections,
     /// Why nothing can be seen, if so.
     pub blind: Blind,

@@ -35,7 +35,7 @@ pub enum MaskError {
         "{input}: the camera moved against the background in {moved} of {frames} frames, {needed} are needed; give a longer flight with turns"
     )]
     Still {
-        /// The flight.
+        /// Input with the recorded flight.
         input: String,
         /// Frames in which it moved.
         moved: u64,
@@ -49,7 +49,7 @@ pub enum MaskError {
         "{input}: {percent:.0} % of the picture stands still against the frame: no mask was written; give a flight in which the camera moves"
     )]
     Most {
-        /// The flight.
+        /// Input with the recorded flight.
         input: String,
         /// Share of the picture, percent.
         percent: f64,

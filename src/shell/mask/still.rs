@@ -1,4 +1,4 @@
-//! What stands still against the frame while the background moves.
+//! Parts of the picture that stand still while the background moves: the own craft.
 //!
 //! The gradients of a thing that is fixed to the camera are the same in every frame; those of a moving background average
 //! out. For each block of the picture: the magnitude of the mean gradient over the mean magnitude, 1 for what is fixed and
@@ -56,7 +56,7 @@ impl Still {
         }
     }
 
-    /// Frames seen.
+    /// Number of frames seen until now.
     pub fn frames(&self) -> u64 {
         self.frames
     }
@@ -173,7 +173,7 @@ mod tests {
     use super::*;
     use crate::registration::lucas_kanade::tests::{render, texture};
 
-    /// A frame of a background that has moved so far, behind a leg that comes in from the left.
+    /// A frame of a background that has moved by `shift`, behind a leg that comes in from the left.
     fn frame(shift: f64) -> Vec<u8> {
         render(160, 120, |x, y| {
             let leg = x < 60.0 && (50.0..80.0).contains(&y);

@@ -30,9 +30,9 @@ pub enum Wish {
 /// Name and value of a parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Value {
-    /// Its name.
+    /// Name of the parameter, at most 16 characters.
     pub name: String,
-    /// Its value.
+    /// Value as PARAM_VALUE carries it.
     pub value: f32,
 }
 
@@ -65,13 +65,13 @@ pub enum ParamsError {
     /// There is no such parameter.
     #[error("{name}: no such parameter; `lookout params get` lists them")]
     Unknown {
-        /// Its name.
+        /// Name of the parameter.
         name: String,
     },
     /// The lookout keeps another value.
     #[error("{name}: {wanted} was refused, it is {held}; README lists the range of each")]
     Refused {
-        /// Its name.
+        /// Name of the parameter.
         name: String,
         /// The value to set.
         wanted: f32,

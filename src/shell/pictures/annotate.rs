@@ -22,7 +22,7 @@ pub struct ColourPicture {
     pub rgb: Vec<u8>,
     /// Pixels in a row.
     pub width: usize,
-    /// Rows.
+    /// Number of rows of pixels.
     pub height: usize,
 }
 

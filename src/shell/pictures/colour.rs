@@ -22,7 +22,7 @@ const COMPARED: usize = 17;
 /// The frames of a source in colour.
 #[derive(Debug)]
 pub enum Colours {
-    /// None are to be had: standard input, a simulated flight.
+    /// The source has no colours, or cannot be read twice: standard input, a simulated flight.
     Grey,
     /// Pictures of a folder, from the next one on.
     Folder(vec::IntoIter<PathBuf>),

@@ -25,7 +25,7 @@ pub enum PictureError {
     /// A video encoder that cannot be started or gave up.
     #[error("{}: {reason}", path.display())]
     Encoder {
-        /// The video.
+        /// Path of the video.
         path: PathBuf,
         /// The encoder's own words, and the remedy.
         reason: String,

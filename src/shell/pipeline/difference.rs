@@ -1,8 +1,9 @@
-//! Motion alone: what differs from frame to frame once the camera's own motion is removed; nothing is learned.
+//! Differences between stabilised frames as a detector: pixels that change once the camera's motion is removed; nothing is
+//! learned.
 //!
-//! Two older frames are warped to the newest one. What differs from both stands where it is now (the place that it left
-//! differs from one of them only: three-frame differencing). Pixels above the frame's own noise make blobs; a blob's
-//! score is how far its mean lies above that noise, and a little how large it is, as a logarithm.
+//! Two older frames are warped to the newest one. A pixel that differs from both shows the object where it is now (the place
+//! that it left differs from one of them only: three-frame differencing). Pixels above the frame's own noise make blobs; a
+//! blob's score is how far its mean lies above that noise, and a little how large it is, as a logarithm.
 //!
 //! The constants are the best of a dozen settings on 20 clips of `airborne/train`.
 
@@ -22,7 +23,7 @@ const LAGS: [usize; 2] = [5, 10];
 /// Least difference of a pixel of a blob, in grey levels.
 const LEAST: u32 = 6;
 
-/// So many times the frame's mean difference a pixel must have.
+/// Least difference of a pixel, in multiples of the frame's mean difference.
 const TIMES_NOISE: u32 = 6;
 
 /// Largest distance between neighbouring pixels of a blob.

@@ -20,19 +20,19 @@ pub enum PipelineError {
     /// Bytes that are not a model of this version.
     #[error("{}: {source}; leave --model out for the shipped one, or train one with `lookout train`", path.display())]
     Model {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The reason.
+        /// Error of the model file.
         source: ModelError,
     },
     /// No model of a method, or one of another method.
     #[error("{}: {reason}; make it with `lookout train DATA... --method {method} --out {}`, or name its folder with --models", path.display(), path.display())]
     MethodModel {
-        /// The method.
+        /// Method that was asked for.
         method: MethodName,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The reason.
+        /// Reason, in words.
         reason: String,
     },
     /// `--min-precision` with a model that has no table of precisions.
@@ -66,15 +66,15 @@ pub enum PipelineError {
         input: String,
         /// The frame, from 1.
         frame: u64,
-        /// Its reason.
+        /// Error of the detector.
         source: detector::Error,
     },
     /// A picture that is no mask for the frames.
     #[error("{}: {reason}; make a mask with `lookout mask VIDEO --out FILE`", path.display())]
     Mask {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault of the value.
         reason: String,
     },
     /// Threads cannot be started.

@@ -1,7 +1,7 @@
-//! The methods that are compared, each as what it shares with the detector and what it leaves out.
+//! The methods that are compared, each as the parts of the detector that it has and those that it lacks.
 //!
 //! The paper's competitors (its table 1 and section 4.4), as far as they are combinations of one detector's parts: the same
-//! frames, boxes, negatives, trees, box regressors and non-maximum suppression. What differs stands in [`Recipe`] alone.
+//! frames, boxes, negatives, trees, box regressors and non-maximum suppression. [`Recipe`] alone holds the differences.
 
 use crate::channels::history::History;
 use crate::model::Method;

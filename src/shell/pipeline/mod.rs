@@ -194,7 +194,7 @@ impl ModelFile {
         }
     }
 
-    /// Its bytes.
+    /// Bytes of the model file.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }

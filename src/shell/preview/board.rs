@@ -106,7 +106,7 @@ impl Board {
             && since.is_none_or(|since| since >= newest.pause)
     }
 
-    /// The newest snapshot.
+    /// Newest snapshot, its age and that of its frame.
     pub fn read(&self) -> Reading {
         let newest = self.newest();
         Reading {
@@ -124,7 +124,7 @@ impl Board {
         (at.elapsed() < STALE).then(|| shown.clone())
     }
 
-    /// A picture took so long to encode: the pause makes that a fifth of the time at most.
+    /// Records the time that a picture took to encode: the pause after it is four times that.
     pub fn encoded_in(&self, took: Duration) {
         self.newest().pause = PAUSE.max(took * 4);
     }

@@ -12,7 +12,7 @@ const MAX_FIELDS: usize = 48;
 /// The request line.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct RequestLine<'a> {
-    /// The method.
+    /// Method of the request, as `GET`.
     pub method: &'a str,
     /// The part of the target before a question mark.
     pub path: &'a str,
@@ -129,11 +129,11 @@ impl Status {
 /// A response with its headers.
 #[derive(Debug)]
 pub struct Response {
-    /// Status code.
+    /// Status code and its phrase.
     pub status: Status,
     /// Header fields, values without line ends.
     pub fields: Vec<(&'static str, String)>,
-    /// Body.
+    /// Bytes after the header.
     pub body: Vec<u8>,
 }
 

@@ -45,7 +45,7 @@ pub enum PreviewError {
         listen at 127.0.0.1"
     )]
     NoToken {
-        /// The address.
+        /// Address to listen on.
         address: SocketAddr,
     },
     /// A token that is easily guessed, or cannot stand in an address.
@@ -56,7 +56,7 @@ pub enum PreviewError {
     /// The system refuses the address, or a thread.
     #[error("preview {address}: {source}; take another port, or leave preview out")]
     Start {
-        /// The address.
+        /// Address to listen on.
         address: SocketAddr,
         /// The system's reason.
         source: io::Error,

@@ -45,7 +45,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// A server that is to be [run](Self::run); the waker ends its waiting, to look at `stop`.
+    /// A bound server, to be [run](Self::run); the waker ends its waiting, to look at `stop`.
     ///
     /// # Errors
     /// The system's.
@@ -142,7 +142,7 @@ enum NextStep {
     Wait,
     /// It wants another turn.
     More,
-    /// It is to be closed.
+    /// Close the connection.
     Gone,
 }
 

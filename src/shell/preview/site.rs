@@ -46,7 +46,7 @@ pub struct Site {
 
 /// The state as it is sent.
 #[derive(Serialize)]
-struct Told<'a> {
+struct Answered<'a> {
     #[serde(flatten)]
     snapshot: &'a Snapshot,
     /// Milliseconds since it was published.
@@ -158,9 +158,9 @@ impl Site {
     fn state(&mut self, _: &RequestLine) -> Response {
         let newest = self.board.read();
         let age_ms = u64::try_from(newest.age.as_millis()).unwrap_or(u64::MAX);
-        let told = Told { snapshot: &newest.snapshot, age_ms };
+        let reading = Answered { snapshot: &newest.snapshot, age_ms };
         // Numbers and words only: nothing of it can fail to be written.
-        let body = serde_json::to_vec(&told).unwrap_or_default();
+        let body = serde_json::to_vec(&reading).unwrap_or_default();
         Response::new(Status::Ok, "application/json", body)
     }
 

@@ -26,7 +26,7 @@ pub struct Snapshot {
     /// The most urgent level of all.
     #[serde(serialize_with = "level")]
     pub level: AlertLevel,
-    /// Counts and latencies.
+    /// Counts, latencies and state of the machine.
     pub health: HealthView,
     /// How long the stages of the work take.
     pub latency: Vec<Latency>,
@@ -68,7 +68,7 @@ impl Snapshot {
 pub struct ParameterLine {
     /// Its name, `LK_...`.
     pub name: &'static str,
-    /// Its value.
+    /// Value of the parameter now.
     pub value: f32,
     /// Least and largest value.
     pub range: [f32; 2],
@@ -93,7 +93,7 @@ pub struct PictureView {
     pub pixels: Vec<u8>,
     /// Pixels of a row.
     pub width: usize,
-    /// Rows.
+    /// Number of rows of pixels.
     pub height: usize,
 }
 
@@ -184,7 +184,7 @@ pub struct HealthView {
     pub frames_per_second: f64,
     /// The camera in words: device, size, format.
     pub camera: String,
-    /// What to do about a detector that is too slow, in words.
+    /// Advice where the detector is too slow for the frame rate.
     pub advice: Option<String>,
 }
 

@@ -21,13 +21,13 @@ pub enum RenderError {
     /// There is no picture in a folder.
     #[error("{}: no JPEG or PNG picture in it; give a folder of photographs or panoramas", path.display())]
     NoPictures {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
     },
     /// A picture cannot be decoded.
     #[error("{}: is no picture that can be decoded: {source}; convert it to JPEG or PNG", path.display())]
     Picture {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The decoder's error.
         source: image::ImageError,
@@ -35,7 +35,7 @@ pub enum RenderError {
     /// A picture is too small to render from.
     #[error("{}: {width}x{height} pixels, at least 64x64 are needed", path.display())]
     SmallPicture {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Pixels in a row.
         width: usize,
@@ -45,7 +45,7 @@ pub enum RenderError {
     /// An OBJ model cannot be read.
     #[error("{}: {reason}", path.display())]
     Shape {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Line and field.
         reason: String,

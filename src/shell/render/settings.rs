@@ -20,7 +20,7 @@ pub enum RenderSettingsError {
     Value {
         /// The field with its section.
         field: &'static str,
-        /// Its value.
+        /// Value that was given.
         value: String,
         /// The values that can be used.
         expected: &'static str,
@@ -50,9 +50,9 @@ pub struct RenderSettings {
     pub motion: MotionSettings,
     /// Image formation after the scene.
     pub sensor: Sensor,
-    /// Distractors.
+    /// Distractors, which are no targets.
     pub scene: SceneSettings,
-    /// Flying objects.
+    /// Flying objects that are targets.
     pub targets: Targets,
 }
 

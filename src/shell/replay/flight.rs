@@ -72,7 +72,7 @@ impl FlightArgs {
         input.is_none().then(|| FlightTelemetry::of(&self.settings))
     }
 
-    /// Name in errors.
+    /// Name of the source in errors and outputs.
     pub fn name(&self, input: Option<&Path>) -> String {
         match input {
             Some(input) if input == Path::new("-") => "standard input".into(),

@@ -102,7 +102,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended, Error> {
     pipeline::on_threads(args.threads, || replay(&args, threshold, tracks, &model))?
 }
 
-/// A person looks at what replay reports: few of them are to be false.
+/// People look at the reports of a replay: a score at which few are false.
 fn default_threshold(model: &Model<'_>) -> i32 {
     let table = model.calibration();
     let surest = || table.knots().last().map(|knot| knot.score);
@@ -202,7 +202,7 @@ struct ReplayOutputs {
     found: u64,
     dropped: u64,
     start: Instant,
-    /// Whether positions matter: the vehicle's log was given, or somebody is told.
+    /// Whether positions matter: the vehicle's log was given, or messages are sent.
     heard: bool,
 }
 

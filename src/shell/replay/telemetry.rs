@@ -64,7 +64,7 @@ pub struct TelemetryArgs {
 }
 
 impl TelemetryArgs {
-    /// Whether anything is to be written or sent.
+    /// Whether the options ask for messages to be written or sent.
     pub fn speaks(&self) -> bool {
         self.tlog_out.is_some() || !self.link.is_empty()
     }

@@ -27,7 +27,7 @@ pub enum SimulateError {
     /// A file cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The system's error.
         source: io::Error,
@@ -46,7 +46,7 @@ pub enum SimulateError {
     /// A video cannot be encoded.
     #[error("{}: {reason}; --png writes pictures without ffmpeg", path.display())]
     Encoder {
-        /// The video.
+        /// Path of the video.
         path: PathBuf,
         /// Words of ffmpeg or of the system.
         reason: String,
@@ -54,7 +54,7 @@ pub enum SimulateError {
     /// Something is there already.
     #[error("{}: not empty; give a new folder, or remove what is in it", path.display())]
     NotEmpty {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
     },
 }

@@ -25,12 +25,12 @@ impl<'a> Cdr<'a> {
         Some(taken)
     }
 
-    /// A byte.
+    /// Reads one byte; `None` at the end.
     pub fn byte(&mut self) -> Option<u8> {
         self.take(1).map(|bytes| bytes[0])
     }
 
-    /// Four bytes.
+    /// Reads an aligned 32-bit number in the stream's byte order; `None` at the end.
     pub fn word(&mut self) -> Option<u32> {
         self.at = self.at.next_multiple_of(4);
         let bytes = *self.take(4)?.first_chunk()?;

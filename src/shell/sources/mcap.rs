@@ -38,7 +38,7 @@ pub struct McapSource {
     /// The topic; none before its first picture where the user names none.
     topic: Option<String>,
     /// Whether the user was shown another topic.
-    told: bool,
+    announced: bool,
     first_ns: Option<i64>,
     size: Option<(usize, usize)>,
     frames: u64,
@@ -67,7 +67,7 @@ impl McapSource {
             path: path.into(),
             messages: Box::new(reader),
             topic,
-            told: false,
+            announced: false,
             first_ns: None,
             size: None,
             frames: 0,
@@ -87,7 +87,7 @@ impl McapSource {
         if wanted == topic {
             return Some(form);
         }
-        if !std::mem::replace(&mut self.told, true) {
+        if !std::mem::replace(&mut self.announced, true) {
             let file = self.path.display();
             tracing::warn!(
                 "{file}: pictures of {wanted} are read; those of {topic}: {file}#{topic}"

@@ -35,7 +35,7 @@ pub struct Frame {
     pub pixels: Vec<u8>,
     /// Pixels in a row.
     pub width: usize,
-    /// Rows.
+    /// Number of rows of pixels.
     pub height: usize,
     /// When it was taken, microseconds since the first frame; of a live camera by the system's monotonic clock.
     pub time_us: i64,
@@ -175,7 +175,7 @@ pub enum SourceError {
     /// The input is missing or may not be read.
     #[error("{}: cannot open: {source}; give a folder of pictures, a .y4m file, a video or - for y4m on standard input", path.display())]
     Open {
-        /// The input.
+        /// Path of the input.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
@@ -183,17 +183,17 @@ pub enum SourceError {
     /// A folder without a picture.
     #[error("{}: no PNG, JPEG or PGM picture in this folder; put the frames there, named in order", path.display())]
     NoPictures {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
     },
     /// Times of pictures that are not understood.
     #[error("{} line {line}: {reason}; without this file the pictures have the rate of camera.json or --fps", path.display())]
     Times {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// The reason.
+        /// Reason, in words.
         reason: String,
     },
     /// A rate of pictures that is none.
@@ -201,7 +201,7 @@ pub enum SourceError {
     Rate {
         /// The file `camera.json`.
         path: PathBuf,
-        /// Its value.
+        /// Value of the rate in the file.
         rate: serde_json::Value,
     },
     /// A stream without a frame.
@@ -213,7 +213,7 @@ pub enum SourceError {
     /// A picture that cannot be decoded.
     #[error("{}: frame {frame} cannot be decoded: {source}; replace the file or take it out", path.display())]
     Picture {
-        /// The picture.
+        /// Path of the picture.
         path: PathBuf,
         /// Its place in the folder, from 1.
         frame: u64,
@@ -223,7 +223,7 @@ pub enum SourceError {
     /// A picture of another size than the first.
     #[error("{}: frame {frame} is {}x{}, the frames before are {}x{}; all must have one size", path.display(), size.0, size.1, expected.0, expected.1)]
     Size {
-        /// The picture.
+        /// Path of the picture.
         path: PathBuf,
         /// Its place in the folder, from 1.
         frame: u64,
@@ -269,23 +269,23 @@ pub enum SourceError {
     /// Messages of an MCAP file that are no pictures.
     #[error("{}: frame {frame}: {reason}", path.display())]
     Mcap {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Which frame, from 1.
         frame: u64,
-        /// What is wrong.
+        /// Fault, in words.
         reason: String,
     },
     /// An MCAP file that this program was not built to read.
     #[error("{}: this program was built without MCAP; build it with `--features mcap`, or install the Python wheel, which has it", path.display())]
     McapMissing {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// `ffmpeg` cannot be started.
     #[error("{}: videos are read with ffmpeg, which cannot be started: {source}; install it (Debian, Ubuntu: apt install ffmpeg; macOS: brew install ffmpeg) or give a folder of pictures or a .y4m file", path.display())]
     FfmpegMissing {
-        /// The video.
+        /// Path of the video.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
@@ -293,7 +293,7 @@ pub enum SourceError {
     /// `ffmpeg` could not decode all of the video.
     #[error("{}: ffmpeg could not decode it all (frames read: {frames}): {message}", path.display())]
     Ffmpeg {
-        /// The video.
+        /// Path of the video.
         path: PathBuf,
         /// Number of frames delivered before.
         frames: u64,

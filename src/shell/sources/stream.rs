@@ -52,7 +52,7 @@ pub enum StreamError {
     /// The program cannot be started.
     #[error("{program} cannot be started: {source}; install it, or name its path")]
     Start {
-        /// The program.
+        /// Program as the settings name it.
         program: String,
         /// The system's reason.
         source: io::Error,
@@ -60,7 +60,7 @@ pub enum StreamError {
     /// The program runs and sends nothing.
     #[error("{program} sent no frame for {} ms{}", after.as_millis(), said(last))]
     Silent {
-        /// The program.
+        /// Program as the settings name it.
         program: String,
         /// Time without a frame.
         after: Duration,
@@ -70,7 +70,7 @@ pub enum StreamError {
     /// The program ended, or sent something else than frames.
     #[error("{program}: {reason}{}", said(last))]
     Ended {
-        /// The program.
+        /// Program as the settings name it.
         program: String,
         /// Its exit status, or what is wrong with what it sent.
         reason: String,

@@ -57,7 +57,7 @@ pub fn atan2(y: f64, x: f64) -> f64 {
     8.0 * tangent * sum
 }
 
-/// Dot product.
+/// Dot product a · b.
 pub fn dot(a: WorldVector, b: WorldVector) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
@@ -91,7 +91,7 @@ impl Rotation {
         ])
     }
 
-    /// The vector rotated.
+    /// `v` rotated; [`invert`](Self::invert) turns it back.
     pub fn apply(&self, v: WorldVector) -> WorldVector {
         [dot(self.0[0], v), dot(self.0[1], v), dot(self.0[2], v)]
     }

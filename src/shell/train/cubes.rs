@@ -34,7 +34,7 @@ const JITTER: [f64; 3] = [1.0, 0.35, 0.35];
 pub struct TrainingRow {
     /// Values of all features of the pool.
     pub values: Vec<u16>,
-    /// 1 where the classifier is to see a target, -1 where none, 0 where it learns nothing.
+    /// 1 for a target, -1 for background, 0 where the classifier learns nothing.
     pub label: f32,
     /// Where the target is, if one is near.
     pub offset: Option<Offset>,

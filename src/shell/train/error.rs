@@ -15,7 +15,7 @@ pub enum TrainError {
     /// A method that is not trained.
     #[error("{method} learns nothing: run it with `lookout eval DATA_SPLIT --method {method}`")]
     NothingToLearn {
-        /// The method.
+        /// Method that was asked for.
         method: MethodName,
     },
     /// Nothing to paste, or nothing to paste it into.
@@ -47,7 +47,7 @@ pub enum TrainError {
         "{input}: frame {frame} is not there any more; leave the clips as they are until the training ends"
     )]
     Gone {
-        /// The clip.
+        /// Input of the clip.
         input: String,
         /// The frame, from 1.
         frame: usize,
@@ -86,7 +86,7 @@ pub enum TrainError {
     /// A model to adapt without a part that adapting needs.
     #[error("{}: has no classifier of st-cubes to adapt; leave --adapt out to train one on its scan", path.display())]
     NothingToAdapt {
-        /// The model.
+        /// Path of the model file.
         path: PathBuf,
     },
     /// Trees cannot be grown.
@@ -101,7 +101,7 @@ pub enum TrainError {
     /// A model card that is no text.
     #[error("{}: cannot be read as a model card: {source}; name another file with --card", path.display())]
     Card {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The system's reason.
         source: std::io::Error,

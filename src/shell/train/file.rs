@@ -17,7 +17,7 @@ const NO_TREES: [u8; 12] = [0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
 #[derive(Debug)]
 pub struct TrainingFiles {
     out: PathBuf,
-    /// The model so far.
+    /// File of the unfinished model.
     pub partial: PathBuf,
     /// Progress in JSON Lines.
     pub log: PathBuf,

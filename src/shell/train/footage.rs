@@ -36,7 +36,7 @@ pub struct Footage {
     pub boxes: Vec<Vec<TruthBox>>,
     /// Width and height of the frames as the detector sees them.
     pub size: (usize, usize),
-    /// For [`sources::open`].
+    /// File, folder or device that [`sources::open`] takes.
     pub input: String,
     /// Size that frames are scaled to.
     pub frame: Option<FrameSize>,

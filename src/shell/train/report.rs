@@ -21,15 +21,15 @@ const END: &str = "<!-- end of what lookout train writes -->";
 /// Clips and frames learned from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TrainingSummary {
-    /// Clips in all.
+    /// Number of clips, held back ones included.
     pub clips: usize,
     /// Of these, clips that were shown again with objects pasted in.
     pub pasted_clips: usize,
-    /// Frames learned from.
+    /// Frames of the clips that are learned from.
     pub samples: usize,
-    /// Clips held back.
+    /// Clips held back for validation and calibration.
     pub held_back_clips: usize,
-    /// Frames of those.
+    /// Frames of the clips held back.
     pub held_back_samples: usize,
     /// Rendered flights among the clips.
     pub rendered: usize,

@@ -20,7 +20,7 @@ pub enum TrainingStage {
 }
 
 impl TrainingStage {
-    /// Title in reports.
+    /// Name of the stage in progress and reports.
     pub const fn title(self) -> &'static str {
         match self {
             Self::Scan => "the scan, which proposes windows",

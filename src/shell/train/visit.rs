@@ -45,7 +45,7 @@ pub struct SampledView<'a> {
 /// Frames to visit, and their augmentation.
 #[derive(Debug, Clone, Copy)]
 pub struct Selection {
-    /// Slices to compute.
+    /// Number of slices whose channels are computed.
     pub depth: Depth,
     /// Every `part.1`th sampled frame of a clip, beginning with the `part.0`th.
     pub part: (usize, usize),

@@ -173,7 +173,7 @@ pub fn hard_negatives(
 /// Windows as the booster takes them.
 #[derive(Debug)]
 pub struct WindowTable {
-    /// Binned values.
+    /// Feature values of the windows, binned.
     pub samples: BinnedSamples,
     /// Labels: 1 target, -1 background.
     pub targets: Vec<f32>,

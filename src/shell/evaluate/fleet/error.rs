@@ -13,11 +13,11 @@ pub enum FleetError {
     /// A manifest that does not say what it should.
     #[error("{} line {line}: {reason}; the first line is clip,split,path,labels,telemetry,tags, see `lookout manifest`", path.display())]
     Manifest {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The line, from 1.
         line: u64,
-        /// What is wrong.
+        /// Fault, in words.
         reason: String,
     },
     /// A shard that is none.
@@ -25,15 +25,15 @@ pub enum FleetError {
     Shard {
         /// Where it was said: `--shard`, or an environment variable.
         name: String,
-        /// What was said.
+        /// Value that was given.
         value: String,
-        /// What is wrong with it.
+        /// Fault of the value.
         reason: &'static str,
     },
     /// A clip whose files cannot be fetched.
     #[error("{url}: cannot be fetched: {reason}")]
     Fetch {
-        /// The address.
+        /// Address that was to be fetched.
         url: String,
         /// In words.
         reason: String,
@@ -45,7 +45,7 @@ pub enum FleetError {
     Broken {
         /// How many.
         broken: usize,
-        /// Of so many.
+        /// Number of all shards or clips.
         all: usize,
     },
     /// Clips of a shard that could not be read this time.
@@ -55,23 +55,23 @@ pub enum FleetError {
     Unread {
         /// How many.
         unread: usize,
-        /// Of so many.
+        /// Number of all shards or clips.
         all: usize,
     },
     /// A result that cannot be read.
     #[error("{}: {reason}; remove it and run the shard again", path.display())]
     Result {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault, in words.
         reason: String,
     },
     /// Two results of one clip.
     #[error("{clip}: two results, {} and {}: the clip changed during the run; remove that of the old contents", files[0].display(), files[1].display())]
     TwoResults {
-        /// The clip.
+        /// Name of the clip.
         clip: String,
-        /// The files.
+        /// Paths of both files.
         files: [PathBuf; 2],
     },
     /// Clips without a result.

@@ -60,9 +60,9 @@ pub struct ManifestRow {
 pub struct Manifest {
     /// Its folder, which paths are relative to.
     pub folder: PathBuf,
-    /// The clips.
+    /// One row a clip, in the order of the file.
     pub rows: Vec<ManifestRow>,
-    /// The file's bytes.
+    /// Bytes of the file, which the run's identity is computed from.
     pub bytes: Vec<u8>,
 }
 
@@ -124,7 +124,7 @@ fn log_in(folder: &Path) -> Option<PathBuf> {
     entries.filter(|path| has_extension(path, &["tlog", "bin", "ulg"])).min()
 }
 
-/// What is known of a clip that its `camera.json` does not say.
+/// Facts of a clip that are not in its `camera.json`, as tags.
 fn tags(facts: &Facts) -> String {
     let number = |name: &str, value: Option<f64>| value.map(|value| format!("{name}={value}"));
     let kind = facts.kind.as_deref().map(|kind| format!("kind={}", kind.replace(';', ",")));

@@ -23,12 +23,12 @@ use std::string::String;
 use std::vec::Vec;
 use std::{format, vec};
 
-/// What is known of a clip after its turn.
+/// Result or failure of one clip, as its file in `clips/` keeps it.
 #[derive(Debug)]
 pub struct ClipOutcome {
     /// The clip; its files are not looked for again.
     pub clip: Clip,
-    /// Facts of it.
+    /// Facts of the clip from its table or manifest.
     pub facts: Facts,
     /// The measurements, or why there are none and never will be.
     pub result: Result<ClipResult, String>,

@@ -23,14 +23,14 @@ use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
 
-/// What a shard is run with.
+/// Inputs of a shard's run.
 #[derive(Clone, Copy)]
 pub struct ShardArgs<'a> {
-    /// The manifest.
+    /// Clips of the run.
     pub manifest: &'a Manifest,
     /// The part of it; none: what the environment says, else all.
     pub shard: Option<Shard>,
-    /// The run's folder.
+    /// Folder of the run, shared by all shards.
     pub out: &'a Path,
     /// The detector's switches, with the model.
     pub detector: &'a DetectorArgs,

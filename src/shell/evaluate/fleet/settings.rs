@@ -1,4 +1,4 @@
-//! What all shards of a run have in common, in its folder: `run.json`, the model, the manifest; results are in `clips/`.
+//! Settings that all shards of a run share, in its folder: `run.json`, the model, the manifest; results are in `clips/`.
 
 use super::outcome::hex;
 use crate::shell::error::Error;

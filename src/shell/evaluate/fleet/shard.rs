@@ -6,7 +6,7 @@ use std::string::{String, ToString};
 /// Every `count`th clip, from the `index`th on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
-    /// From 0.
+    /// Number of this shard, from 0.
     pub index: usize,
     /// How many there are, at least 1.
     pub count: usize,
@@ -40,7 +40,7 @@ impl Shard {
         if shard.index < shard.count { Ok(shard) } else { Err(wrong()) }
     }
 
-    /// What an engine says in the environment, and the name of its variable; none without one.
+    /// Shard that an engine's environment variables name, and the variable's name; `None` without one.
     ///
     /// # Errors
     /// [`FleetError::Shard`] naming the variable that is missing or wrong.

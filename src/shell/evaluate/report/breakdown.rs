@@ -38,7 +38,7 @@ pub struct Dimension {
     pub name: &'static str,
     /// Name and unit of the property.
     pub heading: &'static str,
-    /// The groups.
+    /// Names of the groups, in the order of the figures.
     pub groups: Vec<String>,
     rule: Rule,
 }
@@ -170,7 +170,7 @@ pub struct GroupFigures {
     pub name: String,
     /// Clips that have such targets.
     pub clips: usize,
-    /// Targets in it.
+    /// Targets in the group.
     pub targets: u64,
     /// Targets found at the method's score of 10 false alarms in 1000 frames, IoU 0.3.
     pub found: u64,

@@ -16,20 +16,20 @@ const KIND: &str = "collision";
 /// Figures of these flights.
 #[derive(Debug, Clone, Serialize)]
 pub struct CollisionFigures {
-    /// Number of flights.
+    /// Number of flights that the figures are of.
     pub clips: usize,
     /// Length of the flights, hours.
     pub hours: f64,
-    /// Targets in them.
+    /// Targets in these flights.
     pub targets: u64,
-    /// Figures by method.
+    /// Figures of each method, in the order of the report.
     pub methods: Vec<CollisionMethod>,
 }
 
 /// Figures of a method.
 #[derive(Debug, Clone, Serialize)]
 pub struct CollisionMethod {
-    /// Its name.
+    /// Name of the method in the report.
     pub name: String,
     /// Area under the precision-recall curve of these flights at each intersection over union.
     #[serde(rename = "AveP")]

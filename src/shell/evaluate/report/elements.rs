@@ -54,7 +54,7 @@ pub fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("\u{2013}".into(), |value| format!("{value:.digits$}"))
 }
 
-/// Text as HTML.
+/// `text` with the characters escaped that HTML gives a meaning.
 pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -30,7 +30,7 @@ pub struct ReportFigures {
     pub lookout: &'static str,
     /// The split as the user named it.
     pub data: String,
-    /// The data set.
+    /// Clips, frames and boxes that the figures are of.
     pub flights: Flights,
     /// Parameters of the confidence intervals.
     pub bootstrap: BootstrapFigures,
@@ -65,15 +65,15 @@ pub struct InUse {
 /// The data set; the first frames of each clip are left out.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Flights {
-    /// Number of clips.
+    /// Number of clips that were evaluated.
     pub clips: usize,
-    /// Frames counted.
+    /// Number of frames that were evaluated.
     pub frames: u64,
     /// Hours of flight that these frames last.
     pub hours: f64,
     /// Targets that must be found.
     pub targets: usize,
-    /// Boxes on birds.
+    /// Ground-truth boxes of birds, which are background.
     pub bird_boxes: usize,
     /// Clips without a single target.
     pub clips_without_target: usize,
@@ -84,7 +84,7 @@ pub struct Flights {
 /// How confidence intervals were made.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct BootstrapFigures {
-    /// The sampling unit.
+    /// Sampling unit of the bootstrap: clips.
     pub over: &'static str,
     /// Number of resamples.
     pub resamples: usize,
@@ -97,7 +97,7 @@ pub struct BootstrapFigures {
 /// The figures of a method.
 #[derive(Debug, Clone, Serialize)]
 pub struct MethodFigures {
-    /// Its name.
+    /// Name of the method in the report.
     pub name: String,
     /// Median time of a frame, milliseconds; none where it was not measured.
     pub median_ms_per_frame: Option<f64>,
@@ -140,7 +140,7 @@ pub struct OperatingPoint {
     pub false_alarms: usize,
     /// False alarms in an hour.
     pub false_alarms_per_hour: f64,
-    /// Detections on birds.
+    /// Detections on ground-truth boxes of birds.
     pub bird_detections: usize,
     /// The same in 1000 boxes on birds.
     pub bird_detections_per_1000_bird_boxes: Option<f64>,
@@ -157,7 +157,7 @@ pub struct Breakdown {
     pub by: &'static str,
     /// The same with its unit.
     pub heading: &'static str,
-    /// The groups.
+    /// One entry a group of targets.
     pub groups: Vec<GroupFigures>,
 }
 

@@ -32,7 +32,7 @@ pub struct Mistake {
     pub frame: u64,
     /// Left, top, width, height in pixels.
     pub r#box: Box4,
-    /// The missed target.
+    /// Class of the missed target; `None` where the mistake is a false alarm.
     pub class: Option<&'static str>,
     /// Score of the false alarm.
     pub score: Option<f64>,

@@ -44,9 +44,9 @@ impl External {
 /// The detections of a method on every clip.
 #[derive(Debug, Clone)]
 pub struct MethodDetections {
-    /// Its name.
+    /// Name of the method in the report.
     pub name: String,
-    /// Detections by clip.
+    /// Detections of each clip, in the order of the evaluated list.
     pub clips: Vec<Detected>,
     /// Median time of a frame in milliseconds, where it was measured.
     pub median_ms: Option<f64>,

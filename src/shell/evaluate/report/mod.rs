@@ -46,7 +46,7 @@ pub struct ReportArgs {
 }
 
 impl ReportArgs {
-    /// Whether a report is to be written.
+    /// Whether the options ask for a report.
     pub fn wanted(&self) -> bool {
         self.report.is_some()
     }

@@ -92,7 +92,7 @@ impl ValueFormatter<f64> for Axis {
 pub struct Curve {
     /// Its number, for the colour.
     pub method: usize,
-    /// Its points.
+    /// Points (x, y) in the units of the axes.
     pub points: Vec<[f64; 2]>,
     /// Whether lines join them: not where they have no order.
     pub joined: bool,

@@ -12,7 +12,7 @@ pub enum CalibrationError {
     /// A field that every form has.
     #[error("{field} is missing; known names: {names}")]
     Missing {
-        /// The field.
+        /// Name of the field at fault.
         field: &'static str,
         /// Names under which it is known.
         names: &'static str,
@@ -52,7 +52,7 @@ pub enum CalibrationError {
     Model {
         /// Its name in the file.
         field: String,
-        /// Its value.
+        /// Distortion model that the file names.
         model: String,
     },
     /// A number of coefficients that the model does not have.
@@ -60,7 +60,7 @@ pub enum CalibrationError {
     Coefficients {
         /// Number of coefficients in the file.
         count: usize,
-        /// The model.
+        /// Distortion model of the file.
         model: &'static str,
         /// Its numbers of coefficients.
         expected: &'static str,
@@ -82,9 +82,9 @@ pub enum CalibrationError {
     /// A number that does not fit.
     #[error("{name}: {value} is out of range")]
     Range {
-        /// The field.
+        /// Name of the field at fault.
         name: &'static str,
-        /// The number.
+        /// Number that is out of range.
         value: f64,
     },
     /// Values out of a camera's range.

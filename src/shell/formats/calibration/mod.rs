@@ -2,8 +2,8 @@
 //! `camera_calibration`, `rostopic echo`, `ros2 topic echo`), Kalibr.
 //!
 //! One reader for all: names are compared without case, `_` and `-`, the matrix may be a list, a list of lists or a table
-//! with `rows`, `cols` and `data`. What a name or a number means is never guessed: an unknown model, a number of coefficients
-//! that no model has, two values that contradict each other and a picture that was cut or binned are errors.
+//! with `rows`, `cols` and `data`. Nothing is guessed: an unknown model, a number of coefficients that no model has, two
+//! values that contradict each other and a picture that was cut or binned are errors.
 
 mod error;
 mod fields;

@@ -21,7 +21,7 @@ pub const INTERLACED_TOP: u32 = 8;
 /// `V4L2_FIELD_INTERLACED_BT`: the same, bottom field first.
 pub const INTERLACED_BOTTOM: u32 = 9;
 
-/// What a pointer of the system takes beyond four bytes: four bytes, or none.
+/// Padding behind a four-byte field where the system's pointers have eight: four bytes, or none.
 #[cfg(target_pointer_width = "64")]
 pub type Gap = u32;
 #[cfg(target_pointer_width = "32")]
@@ -272,7 +272,7 @@ mod tests {
     use super::*;
     use std::mem::offset_of;
 
-    /// What takes no room.
+    /// A field of size 0.
     type NoGap = [u32; 0];
 
     /// Of both systems, on either: an `i64` is aligned to eight bytes on ARM as on 64-bit systems.

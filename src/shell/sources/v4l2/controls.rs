@@ -18,7 +18,7 @@ pub struct CameraControl {
     pub name: String,
     /// Smallest value; the unit is the driver's.
     pub minimum: i64,
-    /// Largest value.
+    /// Largest value that the driver accepts.
     pub maximum: i64,
     /// Distance of the values, from the smallest on.
     pub step: u64,
@@ -154,7 +154,7 @@ pub fn find<'a>(
     })
 }
 
-/// Sets one control.
+/// Sets one control of an open camera.
 pub fn set(
     device: &Device,
     control: &CameraControl,

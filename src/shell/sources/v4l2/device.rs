@@ -56,7 +56,7 @@ impl Device {
         Ok(format)
     }
 
-    /// Frame rate.
+    /// Parameters of the stream, its frame interval among them.
     pub fn stream_parameters(&self) -> Result<StreamParameters> {
         let mut parameters = StreamParameters { kind: CAPTURE, ..Default::default() };
         self.request::<G_PARM, _>(&mut parameters)?;

@@ -88,7 +88,7 @@ pub enum V4l2Error {
     ControlValue {
         /// The video node.
         path: PathBuf,
-        /// The control.
+        /// Name of the control.
         name: String,
         /// The value given.
         value: i64,

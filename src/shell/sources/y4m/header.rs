@@ -13,7 +13,7 @@ const SIDE: usize = 16_384;
 pub struct Header {
     /// Pixels in a row.
     pub width: usize,
-    /// Rows.
+    /// Number of rows of pixels.
     pub height: usize,
     /// Frames a second as a fraction; `None` where the stream does not say (`F0:0`, and `F0:1` of live sources).
     pub rate: Option<(u32, u32)>,

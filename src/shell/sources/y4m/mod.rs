@@ -70,7 +70,7 @@ impl<R: BufRead> Y4m<R> {
         Self { reader, name: name.to_owned(), header, read: 0, wide: Vec::new() }
     }
 
-    /// Number of frames read so far.
+    /// Number of frames read.
     pub fn frames_read(&self) -> u64 {
         self.read
     }

@@ -53,17 +53,17 @@ pub enum BoostError {
     /// A target is not finite, or not -1 or 1 where labels are needed.
     #[error("row {row}: target {target} cannot be learnt with this loss")]
     Target {
-        /// The row.
+        /// Number of the row, from 0.
         row: usize,
-        /// Its target.
+        /// Target of the row.
         target: f32,
     },
     /// A weight is negative or not finite.
     #[error("row {row}: weight {weight}")]
     Weight {
-        /// The row.
+        /// Number of the row, from 0.
         row: usize,
-        /// Its weight.
+        /// Weight of the row.
         weight: f32,
     },
     /// No row has a weight above 0.
@@ -88,11 +88,11 @@ pub enum BoostError {
     },
 }
 
-/// Samples with what is to be learnt from them. A row of weight 0 takes no part, so that one set of samples can
-/// serve for training and validation.
+/// Samples with their targets of learning and weights. A row of weight 0 takes no part, so that one set of samples can serve
+/// for training and validation.
 #[derive(Debug, Clone, Copy)]
 pub struct Data<'a> {
-    /// Binned features.
+    /// Feature values of the rows, binned.
     pub samples: &'a BinnedSamples,
     /// The response of each row, or its label, -1 or 1.
     pub targets: &'a [f32],
@@ -120,7 +120,7 @@ impl Data<'_> {
     }
 }
 
-/// Data and the integer scores of their rows so far.
+/// Data, and the integer scores of their rows by the trees grown until now.
 #[derive(Debug, Clone)]
 struct ScoredRows<'a> {
     data: Data<'a>,
@@ -153,7 +153,7 @@ impl ScoredRows<'_> {
 /// Result of a round.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Round {
-    /// Trees so far.
+    /// Trees grown until now.
     pub trees: usize,
     /// Mean loss of the training rows.
     pub train_loss: f64,
@@ -161,7 +161,7 @@ pub struct Round {
     pub validation_loss: Option<f64>,
 }
 
-/// State of boosting: scores of all rows and the trees so far.
+/// State of boosting: scores of all rows, and the trees grown until now.
 #[derive(Debug, Clone)]
 pub struct Booster<'a> {
     options: Options,
@@ -246,7 +246,7 @@ impl<'a> Booster<'a> {
         Ok(Self { options, train, validation, forest, last, best: last })
     }
 
-    /// From now on the forest so far counts as the best: no tree of it is left out by [`Booster::run`].
+    /// Marks the present forest as the best: [`Booster::run`] leaves out none of its trees.
     pub fn keep(&mut self) {
         self.best = self.last;
     }
@@ -355,17 +355,17 @@ impl<'a> Booster<'a> {
         }
     }
 
-    /// The forest so far.
+    /// Trees grown until now.
     pub fn forest(&self) -> &TrainedForest {
         &self.forest
     }
 
-    /// The integer score of each training row so far: that of the core.
+    /// Integer score of each training row by the trees grown until now, as the core computes it.
     pub fn scores(&self) -> &[i32] {
         &self.train.scores
     }
 
-    /// The round of the least validation loss so far, the last one without validation.
+    /// Round of the least validation loss; without validation the last one.
     pub fn best(&self) -> Round {
         self.best
     }

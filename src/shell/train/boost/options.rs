@@ -6,7 +6,7 @@ use crate::trees::MAX_DEPTH;
 /// Parameters of boosting.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// The loss.
+    /// Loss that boosting minimises.
     pub loss: Loss,
     /// Trees, at most [`MAX_TREES`].
     pub rounds: usize,

@@ -17,7 +17,7 @@ pub enum SamplesError {
     /// A feature's column has another number of rows than the rest.
     #[error("feature {feature} has {given} rows, {rows} are expected")]
     Rows {
-        /// The feature.
+        /// Number of the feature, from 0.
         feature: usize,
         /// Rows expected.
         rows: usize,
@@ -27,7 +27,7 @@ pub enum SamplesError {
     /// A feature's edges are not strictly ascending, or more than [`MAX_EDGES`].
     #[error("feature {feature}: edges must ascend and be at most 255")]
     Edges {
-        /// The feature.
+        /// Number of the feature, from 0.
         feature: usize,
     },
     /// The edges of two sets differ, so that their bins mean different values.
@@ -117,7 +117,7 @@ impl BinnedSamples {
         Ok(())
     }
 
-    /// Number of rows.
+    /// Number of samples, one a row.
     pub fn rows(&self) -> usize {
         self.rows
     }

@@ -45,7 +45,7 @@ fn unit(random: &mut Random) -> f64 {
 }
 
 impl PasteCourse {
-    /// A collision course, a crossing, hovering or receding aircraft; its picture is to be a few seconds long.
+    /// A collision course, a crossing, hovering or receding aircraft; seen for a few seconds.
     pub fn draw(random: &mut Random) -> Self {
         let (speeds, lengths, approach) = match random.below(20) {
             0..7 => ([0.3, 0.2], LENGTHS[0], Approach::Contact(6.2 + 5.8 * unit(random))),

@@ -44,7 +44,7 @@ const HALO: f64 = 8.0;
 /// Most times that an object is enlarged.
 const LARGEST: f64 = 1.6;
 
-/// Smallest contrast of an object that is to be found, grey levels.
+/// Smallest contrast of a pasted object, grey levels.
 const FAINT: f64 = 12.0;
 
 /// A point of the frame: pixels to the right and down.
@@ -88,7 +88,7 @@ impl Runs {
     }
 }
 
-/// An object as it is to be drawn into all frames of a clip.
+/// An object with its course through the frames of a clip.
 struct Pasted<'a> {
     run: &'a PastedRun,
     course: PasteCourse,

@@ -25,7 +25,7 @@ pub struct RegressorFigures {
     pub seed: u64,
     /// Clips that trials are from.
     pub clips: usize,
-    /// Cubes cut.
+    /// Number of st-cubes that were cut.
     pub cubes: usize,
     /// Share of cubes whose every slice came to rest before n_max moves.
     pub share_settled: f64,
@@ -61,7 +61,7 @@ pub struct ErrorBreakdown {
     pub by: &'static str,
     /// The same with its unit.
     pub heading: &'static str,
-    /// The groups.
+    /// One entry a group of targets.
     pub groups: Vec<Group>,
 }
 
@@ -70,11 +70,11 @@ pub struct ErrorBreakdown {
 pub struct Group {
     /// Label of the group.
     pub name: String,
-    /// Slices in it.
+    /// Slices of st-cubes in the group.
     pub slices: usize,
     /// Distance of the newest window from the target's centre before all: median, lengths of the target.
     pub start: Option<f64>,
-    /// Errors by way.
+    /// Errors of each way of alignment.
     pub ways: Vec<WayErrors>,
 }
 

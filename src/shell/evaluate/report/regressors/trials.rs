@@ -48,7 +48,7 @@ pub type PixelVector = [f64; 2];
 /// A window that started off the target's centre, by each of [`WAYS`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trial {
-    /// The clip's number.
+    /// Position of the clip in the evaluated list, from 0.
     pub clip: usize,
     /// Longer side of the target, pixels.
     pub size: f64,
