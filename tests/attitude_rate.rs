@@ -48,7 +48,7 @@ fn reports(
             now = (now + 10_000).min(time_us + LATENCY_US);
             while let Some((time, frame)) = telemetry.next_if(|(time, _)| *time <= now) {
                 if let Some(rates) = rates(&frame).filter(|_| link.gyroscope) {
-                    onboard.hear(0, &MAVLinkMessageRaw::V2(rates), Trust::Open, time);
+                    onboard.receive(0, &MAVLinkMessageRaw::V2(rates), Trust::Open, time);
                 }
                 if [ATTITUDE, ATTITUDE_QUATERNION].contains(&frame.message_id()) {
                     // The angles would come where the quaternion does not.
@@ -57,7 +57,7 @@ fn reports(
                     }
                     next_us = time + link.attitude_us;
                 }
-                onboard.hear(0, &MAVLinkMessageRaw::V2(frame), Trust::Open, time);
+                onboard.receive(0, &MAVLinkMessageRaw::V2(frame), Trust::Open, time);
             }
             while let Some(message) = onboard.poll(now) {
                 count += usize::from(matches!(
@@ -67,7 +67,7 @@ fn reports(
             }
         }
         let motion = if link.ground { found.motion } else { Default::default() };
-        onboard.see(&Detections { motion, ..found.clone() }, *time_us, now);
+        onboard.process(&Detections { motion, ..found.clone() }, *time_us, now);
     }
     (count, onboard)
 }

@@ -92,7 +92,7 @@ fn a_collision_from_pixels_to_datagrams() {
         while *now < end {
             *now = (*now + TICK_US).min(end);
             while let Some((time, frame)) = telemetry.next_if(|(time, _)| time <= now) {
-                onboard.hear(0, &MAVLinkMessageRaw::V2(frame), Trust::Open, time);
+                onboard.receive(0, &MAVLinkMessageRaw::V2(frame), Trust::Open, time);
             }
             while let Some(message) = onboard.poll(*now) {
                 links.send(&message, *now);
@@ -104,7 +104,7 @@ fn a_collision_from_pixels_to_datagrams() {
     while source.next_frame(&mut frame).unwrap() {
         detector.process(frame.view(), frame.time_us, &mut found).unwrap();
         until(&mut now, frame.time_us + LATENCY_US, &mut onboard);
-        let traffic = onboard.see(&found, frame.time_us, now);
+        let traffic = onboard.process(&found, frame.time_us, now);
         levels.push(traffic.iter().map(|traffic| traffic.level).max().unwrap_or_default());
     }
     // The frames stop; time does not.
@@ -272,11 +272,12 @@ impl World {
                 self.telemetry();
             }
             for (_, message) in self.waiting.extract_if(.., |(due, _)| *due <= self.now) {
-                self.onboard.hear(0, &raw(self.system, &message), Trust::Open, self.now);
+                self.onboard.receive(0, &raw(self.system, &message), Trust::Open, self.now);
             }
             if self.now >= self.next_frame + LATENCY_US {
                 if self.frames {
-                    let traffic = self.onboard.see(&self.detections(), self.next_frame, self.now);
+                    let traffic =
+                        self.onboard.process(&self.detections(), self.next_frame, self.now);
                     self.seen.push((self.now, traffic));
                 }
                 self.next_frame += FRAME_US;
@@ -412,7 +413,7 @@ fn strange_frames_among_the_good_ones() {
             let crc =
                 mavlink_core::calculate_crc(&bytes[1..10 + length], MavMessage::extra_crc(id));
             bytes[10 + length..12 + length].copy_from_slice(&crc.to_le_bytes());
-            world.onboard.hear(1, &MAVLinkMessageRaw::V2(frame), Trust::Open, world.now);
+            world.onboard.receive(1, &MAVLinkMessageRaw::V2(frame), Trust::Open, world.now);
         }
         world.fly(0.01);
     }

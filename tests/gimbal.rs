@@ -98,7 +98,7 @@ impl Flight {
     }
 
     fn hear(&mut self, component: u8, message: &MavMessage) {
-        self.onboard.hear(0, &raw(component, message), Trust::Open, self.now);
+        self.onboard.receive(0, &raw(component, message), Trust::Open, self.now);
     }
 
     fn speak(&mut self) {
@@ -143,7 +143,7 @@ impl Flight {
             let seen = if self.from_north {
                 gimbal()
             } else {
-                attitude(0.0, 0.0, -self.heading()).after(gimbal())
+                attitude(0.0, 0.0, -self.heading()).compose(gimbal())
             };
             let flags = if self.from_north {
                 GimbalDeviceFlags::GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
@@ -198,7 +198,7 @@ impl Flight {
         let detection =
             Detection { rect, score: 6 << 16, frame_score: 6 << 16, shifts: [Shift::default(); 3] };
         found.list.push(detection).unwrap();
-        let tracks = self.onboard.see(&found, self.now, self.now);
+        let tracks = self.onboard.process(&found, self.now, self.now);
         let body = self.vehicle().inverse().rotate(object()).map(|v| v.to_num::<f64>());
         let wanted = body[1].atan2(body[0]).to_degrees();
         for track in tracks.iter().filter(|track| track.confirmed) {

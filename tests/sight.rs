@@ -77,7 +77,7 @@ fn recorded_flights_are_seen_and_out_of_focus_they_are_not() {
         };
         assert!(frames.len() >= 4, "{name}: {} frames", frames.len());
         let mut health = ImageHealth::default();
-        let blind: Vec<Blind> = frames.iter().map(|frame| health.judge(frame)).collect();
+        let blind: Vec<Blind> = frames.iter().map(|frame| health.assess(frame)).collect();
         if measure {
             let all: Vec<Measures> = frames.iter().map(|frame| Measures::of(frame)).collect();
             let steep = |all: &[Measures]| {
@@ -100,7 +100,7 @@ fn recorded_flights_are_seen_and_out_of_focus_they_are_not() {
         // Where there are edges at all, sharp ones are distinguished from soft ones.
         let edges = Measures::of(&frames[frames.len() / 2]).steep.is_some();
         let mut health = ImageHealth::default();
-        let soft = |frame: &Arc<Frame>| health.judge(&Arc::new(blurred(frame, 6.0)));
+        let soft = |frame: &Arc<Frame>| health.assess(&Arc::new(blurred(frame, 6.0)));
         let soft: Vec<Blind> = frames.iter().take(4).map(soft).collect();
         match soft.last() {
             Some(blind) if blind.has(Blind::BLUR) => reported += 1,

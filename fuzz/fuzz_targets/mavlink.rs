@@ -49,7 +49,7 @@ fn step(input: &mut Input<'_>, stream: &mut Vec<u8>, lookout: &mut Lookout, now_
                 [usize::from(command & 3)];
             let mut reader = MavlinkReader::new(stream.as_slice());
             while let Ok(frame) = reader.read_any_raw_message_with_dialect(&ArduPilotFrames) {
-                lookout.hear(command >> 2 & 3, &frame, trust, *now_us);
+                lookout.receive(command >> 2 & 3, &frame, trust, *now_us);
             }
             stream.clear();
         }
@@ -57,7 +57,7 @@ fn step(input: &mut Input<'_>, stream: &mut Vec<u8>, lookout: &mut Lookout, now_
         6 => {
             let found = detections(input, command & 31);
             let age = i64::from(input.word()) * 16;
-            lookout.see(&found, *now_us - age, *now_us);
+            lookout.process(&found, *now_us - age, *now_us);
         }
         // Time passes.
         _ => *now_us += i64::from(input.word()) << (command & 15),

@@ -109,7 +109,7 @@ impl Attitude {
 
     /// Composition: the rotation `first`, then `self`.
     #[inline(never)]
-    pub fn after(self, first: Self) -> Self {
+    pub fn compose(self, first: Self) -> Self {
         let ([aw, ax, ay, az], [bw, bx, by, bz]) = (self.parts(), first.parts());
         Self::new([
             aw * bw - ax * bx - ay * by - az * bz,
@@ -136,12 +136,12 @@ impl Attitude {
 
     /// The angle between two attitudes in radians.
     pub fn angle_to(self, other: Self) -> Real {
-        let [w, x, y, z] = self.inverse().after(other).parts();
+        let [w, x, y, z] = self.inverse().compose(other).parts();
         real::atan2(real::norm([x, y, z]), w.saturating_abs()) * 2
     }
 
     /// Between `self` (`part` 0) and `other` (`part` 1) on the shorter way, or beyond; for near attitudes.
-    pub fn towards(self, other: Self, part: Real) -> Self {
+    pub fn nlerp(self, other: Self, part: Real) -> Self {
         let (a, b) = (self.parts(), other.parts());
         let cosine: Real = a.iter().zip(b).map(|(a, b)| *a * b).sum();
         let b = if cosine < real::ZERO { b.map(|v| -v) } else { b };
@@ -185,7 +185,7 @@ mod tests {
         fn rotations_agree_with_matrices(a in proptest::array::uniform3(-3.0..3.0f64), b in proptest::array::uniform3(-3.0..3.0f64), v in proptest::array::uniform3(-1.0..1.0f64)) {
             let (p, q, vector) = (euler(a), euler(b), v.map(Real::from_num));
             prop_assert!(apart(p.rotate(vector), apply(matrix(a), v)) < 1e-5);
-            prop_assert!(apart(p.after(q).rotate(vector), apply(matrix(a), apply(matrix(b), v))) < 1e-5);
+            prop_assert!(apart(p.compose(q).rotate(vector), apply(matrix(a), apply(matrix(b), v))) < 1e-5);
             prop_assert!(apart(p.inverse().rotate(p.rotate(vector)), v) < 1e-6);
         }
 
@@ -201,9 +201,9 @@ mod tests {
         #[test]
         fn half_way_is_half_the_angle(a in proptest::array::uniform3(-3.0..3.0f64), turn in -0.2..0.2f64) {
             let start = euler(a);
-            let end = start.after(euler([0.0, turn, 0.0]));
-            let middle = start.towards(end, Real::ONE / 2);
-            let want = start.after(euler([0.0, turn / 2.0, 0.0]));
+            let end = start.compose(euler([0.0, turn, 0.0]));
+            let middle = start.nlerp(end, Real::ONE / 2);
+            let want = start.compose(euler([0.0, turn / 2.0, 0.0]));
             prop_assert!(middle.angle_to(want) < Real::from_num(1e-4));
             let whole: f64 = start.angle_to(end).to_num();
             prop_assert!((whole - turn.abs()).abs() < 1e-4);

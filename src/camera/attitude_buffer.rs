@@ -122,14 +122,17 @@ impl AttitudeBuffer {
         }
         let carried = |from: (i64, Attitude)| {
             let far = time_us.saturating_sub(from.0).saturating_abs();
-            (far <= REACH).then(|| self.turned(from.0, time_us)).flatten().map(|t| from.1.after(t))
+            (far <= REACH)
+                .then(|| self.turned(from.0, time_us))
+                .flatten()
+                .map(|t| from.1.compose(t))
         };
         let from_before = before.and_then(carried);
         match (from_before, after.and_then(carried), before, after) {
             // What the integration is off by at the other end is spread over the way.
             (Some(a), Some(b), Some((start, _)), Some((end, _))) => {
                 let part = Real::from_num(time_us - start) / Real::from_num(end - start);
-                return Some(a.towards(b, part));
+                return Some(a.nlerp(b, part));
             }
             (Some(found), ..) | (None, Some(found), ..) => return Some(found),
             _ => {}
@@ -168,7 +171,7 @@ impl AttitudeBuffer {
             if end > at {
                 let dt = Real::from_num(end - at) / 1_000_000;
                 let angles: Vector = rate.map(|rate| Real::from(rate) * dt);
-                turn = turn.after(Attitude::from_small(angles));
+                turn = turn.compose(Attitude::from_small(angles));
                 at = end;
             }
             if at >= to_us {
@@ -226,7 +229,7 @@ fn between(before: (i64, Attitude), after: (i64, Attitude), time_us: i64) -> Att
     let span = after.0.saturating_sub(before.0);
     let part = Real::from_num(time_us - before.0) / Real::from_num(span);
     // A newest pair close together would be stretched far.
-    before.1.towards(after.1, part.min(Real::from_num(4)))
+    before.1.nlerp(after.1, part.min(Real::from_num(4)))
 }
 
 #[cfg(test)]

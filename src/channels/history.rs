@@ -105,7 +105,7 @@ impl FrameRing {
     }
 
     /// The place of the frame `age` frames ago. Panics if the ring is not that long.
-    pub const fn place(&self, age: usize) -> usize {
+    pub const fn slot(&self, age: usize) -> usize {
         assert!(age < self.length, "older than the ring is long");
         (self.newest + self.length - age) % self.length
     }
@@ -121,9 +121,9 @@ mod tests {
         let mut kept = [0; 3];
         for number in 1..20 {
             ring.advance();
-            kept[ring.place(0)] = number;
+            kept[ring.slot(0)] = number;
             for age in 0..3.min(number) {
-                assert_eq!(kept[ring.place(age)], number - age);
+                assert_eq!(kept[ring.slot(age)], number - age);
             }
         }
     }

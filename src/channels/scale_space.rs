@@ -220,7 +220,7 @@ impl PyramidLayout {
 
     /// Where a picture of a level is, `slot` its place in the ring of frames.
     #[inline(never)]
-    pub fn place(&self, level: usize, picture: Plane, slot: usize) -> Range<usize> {
+    pub fn byte_range(&self, level: usize, picture: Plane, slot: usize) -> Range<usize> {
         let (kept, grey) = (self.kept(level), self.grey_len(level));
         let slot = slot % kept;
         let difference = self.levels[level].difference_pixels();
@@ -270,7 +270,7 @@ pub fn build(geometry: &PyramidLayout, bytes: &mut [u8], frame: &Halvings<'_>, s
     // In the order in which they lie in memory.
     for i in 0..geometry.levels().len() {
         for (levels, picture) in kinds.iter_mut().zip(Plane::ALL) {
-            let place = geometry.place(i, picture, slot);
+            let place = geometry.byte_range(i, picture, slot);
             let (own, behind) = slices::split_mut(rest, place.end - at);
             (rest, at) = (behind, place.end);
             levels[i] = slices::split_mut(own, own.len() - place.len()).1;
@@ -371,7 +371,7 @@ impl<'a> Pyramid<'a> {
     pub fn level(&self, number: usize) -> LevelView<'a> {
         let level = self.geometry.level(number);
         let picture = |picture, age: usize| {
-            let place = self.geometry.place(number, picture, self.slots[age]);
+            let place = self.geometry.byte_range(number, picture, self.slots[age]);
             match (picture, level.halvings()) {
                 (Plane::Grey, Some(halvings)) => self.frames[age][halvings],
                 (Plane::Grey, None) => {
@@ -451,7 +451,7 @@ mod tests {
                     [(Plane::Grey, kept), (Plane::Near, kept)].into_iter().chain(newest)
                 {
                     for slot in 0..slots {
-                        let place = geometry.place(level, picture, slot);
+                        let place = geometry.byte_range(level, picture, slot);
                         assert_eq!(place.start, end, "{history:?} {level} {picture:?} {slot}");
                         end = place.end;
                     }

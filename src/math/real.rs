@@ -170,7 +170,7 @@ pub fn unit(a: Vector) -> Vector {
 
 /// Rejection: the component of `a` perpendicular to the unit vector `axis`.
 #[inline(never)]
-pub fn across(a: Vector, axis: Vector) -> Vector {
+pub fn reject(a: Vector, axis: Vector) -> Vector {
     add(a, axis, -dot(a, axis))
 }
 

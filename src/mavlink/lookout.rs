@@ -43,7 +43,7 @@ const NO_ATTITUDE_US: i64 = 1_500_000;
 /// let tracks = tracker::TrackerSettings::default();
 /// let mut onboard = Lookout::new(camera, tracks, ComponentConfig::default(), Parameters::default(), 0);
 /// // For each frame: the detector's result, when it was taken, and when it was finished.
-/// let traffic = onboard.see(&Detections::default(), 0, 30_000);
+/// let traffic = onboard.process(&Detections::default(), 0, 30_000);
 /// assert!(traffic.is_empty());
 /// // Every 20 ms: the messages to send.
 /// while let Some(message) = onboard.poll(40_000) {
@@ -96,9 +96,9 @@ impl Lookout {
     }
 
     /// Handles a MAVLink frame received on `link` at `now_us`.
-    pub fn hear(&mut self, link: u8, frame: &MAVLinkMessageRaw, trust: Trust, now_us: i64) {
+    pub fn receive(&mut self, link: u8, frame: &MAVLinkMessageRaw, trust: Trust, now_us: i64) {
         self.component.receive(link, frame, trust, now_us);
-        self.heed();
+        self.handle_events();
     }
 
     /// Changes the camera; every track ends. On a gimbal its mounting is that in the gimbal's axes, and the field of view is
@@ -124,7 +124,7 @@ impl Lookout {
 
     /// Updates the tracks with the detections of the frame taken at `time_us` and finished at `now_us`. Returns the tracks
     /// with their threat.
-    pub fn see(
+    pub fn process(
         &mut self,
         found: &Detections,
         time_us: i64,
@@ -136,7 +136,7 @@ impl Lookout {
         let carrier = if on_gimbal { &self.gimbal } else { &self.attitudes };
         let mut traffic = self.watch.update(&found.list, time_us, &found.motion, carrier);
         self.health.pointed = !on_gimbal || self.see_from_vehicle(&mut traffic, time_us);
-        self.judge(&traffic, time_us, now_us);
+        self.count_unplaced(&traffic, time_us, now_us);
         self.health.frames = self.health.frames.wrapping_add(1);
         let latency = now_us.saturating_sub(time_us).max(0);
         self.health.latency_us = u32::try_from(latency).unwrap_or(u32::MAX);
@@ -161,7 +161,7 @@ impl Lookout {
     /// From the gimbal's axes to the vehicle's.
     fn gimbal_on_vehicle(&self, time_us: i64) -> Option<Attitude> {
         let gimbal = self.gimbal.at(time_us).filter(|_| self.is_gimbal_fresh(time_us))?;
-        Some(self.attitudes.at(time_us)?.inverse().after(gimbal))
+        Some(self.attitudes.at(time_us)?.inverse().compose(gimbal))
     }
 
     fn is_gimbal_fresh(&self, time_us: i64) -> bool {
@@ -169,7 +169,7 @@ impl Lookout {
     }
 
     /// Counts the objects that have no place in the world, and says so where it goes on.
-    fn judge(&mut self, traffic: &[Traffic], time_us: i64, now_us: i64) {
+    fn count_unplaced(&mut self, traffic: &[Traffic], time_us: i64, now_us: i64) {
         let gimbal = match self.component.gimbal() {
             Some(_) if !self.is_gimbal_fresh(time_us) => Some(UnplacedCause::Gimbal),
             _ => None,
@@ -231,7 +231,7 @@ impl Lookout {
     /// The next message to send. Call it about every 20 ms until it returns `None`.
     pub fn poll(&mut self, now_us: i64) -> Option<Outgoing> {
         let message = self.component.poll(now_us);
-        self.heed();
+        self.handle_events();
         message
     }
 
@@ -252,7 +252,7 @@ impl Lookout {
             return Some(*camera);
         }
         let turn = self.gimbal_on_vehicle(self.frame_us)?;
-        Some(camera.mounted(turn.after(camera.mounting())))
+        Some(camera.mounted(turn.compose(camera.mounting())))
     }
 
     /// The camera; on a gimbal its mounting is that in the gimbal's axes.
@@ -270,7 +270,7 @@ impl Lookout {
         &self.component
     }
 
-    fn heed(&mut self) {
+    fn handle_events(&mut self) {
         while let Some(event) = self.component.event() {
             match event {
                 ComponentEvent::Attitude { time_us, quaternion } => {
@@ -287,7 +287,7 @@ impl Lookout {
                     let vehicle = || self.attitudes.at(time_us).map(heading);
                     let from = if from_north { Some(Attitude::IDENTITY) } else { vehicle() };
                     if let (Some(gimbal), Some(from)) = (from_wire(quaternion), from) {
-                        self.gimbal.push(time_us, from.after(gimbal));
+                        self.gimbal.push(time_us, from.compose(gimbal));
                     }
                     continue;
                 }
@@ -404,7 +404,7 @@ mod tests {
         };
         let frame = MAVLinkMessageRaw::V2(Payload::new(&heartbeat).frame(7, 1, 0, false));
         for now_us in [0, 1_000_000] {
-            onboard.hear(0, &frame, Trust::Open, now_us);
+            onboard.receive(0, &frame, Trust::Open, now_us);
         }
         assert_eq!(onboard.event(), Some(ComponentEvent::Found { system_id: 7, autopilot: 12 }));
         assert_eq!(onboard.event(), None);

@@ -6,7 +6,7 @@ use crate::camera::attitude::Attitude;
 use crate::detector::detection::{Detection, SHIFTS};
 use crate::image::Rect;
 use crate::math::kalman::{MAX_VARIANCE, MILLI};
-use crate::math::real::{ONE, Real, Vector, across, add, divide, exp, ln, norm, ratio, unit};
+use crate::math::real::{ONE, Real, Vector, add, divide, exp, ln, norm, ratio, reject, unit};
 use fixed::types::I28F4;
 
 /// Attitudes of the camera in a frame and the frames before it.
@@ -76,7 +76,7 @@ impl Measurement {
                 (then.0 >= ratio(1, 200)).then(|| {
                     let rate = add(direction, old, -ONE).map(|v| v / then.0);
                     let sigma = (milli(pixel * 3) + error) / then.0;
-                    (across(rate, direction), sigma.saturating_mul(sigma).min(MAX_VARIANCE))
+                    (reject(rate, direction), sigma.saturating_mul(sigma).min(MAX_VARIANCE))
                 })
             });
         Self {

@@ -161,7 +161,7 @@ impl TrafficMonitor {
             // Turned on from its own time to the frame's as the picture turns.
             (Some((age, attitude)), Some(turn)) if goes_on => {
                 let part = Real::from_num(age) / 1_000_000 / dt.max(ratio(1, 200));
-                Some(attitude.after(Attitude::from_small(turn.map(|angle| angle * part))))
+                Some(attitude.compose(Attitude::from_small(turn.map(|angle| angle * part))))
             }
             _ => attitudes.at(time_us),
         };
@@ -200,7 +200,7 @@ impl TrafficMonitor {
     ) -> (Attitude, Real) {
         let last = self.frames.first().map(|(_, attitude)| *attitude);
         let guess =
-            last.map(|last| turn.map_or(last, |turn| last.after(Attitude::from_small(turn))));
+            last.map(|last| turn.map_or(last, |turn| last.compose(Attitude::from_small(turn))));
         let Some(vehicle) = vehicle else {
             let since = match self.source {
                 AttitudeSource::Vehicle => self.frames.first().map(|(time, _)| *time),
@@ -217,9 +217,9 @@ impl TrafficMonitor {
         if self.source != AttitudeSource::Vehicle
             && let Some(guess) = guess
         {
-            let change = vehicle.after(guess.inverse());
+            let change = vehicle.compose(guess.inverse());
             self.tracker.turn(change);
-            self.frames.iter_mut().for_each(|(_, a)| *a = change.after(*a));
+            self.frames.iter_mut().for_each(|(_, a)| *a = change.compose(*a));
         }
         self.source = AttitudeSource::Vehicle;
         let turned = self.frames.first().map_or(ZERO, |(_, last)| last.angle_to(vehicle));

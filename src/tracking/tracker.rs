@@ -11,7 +11,7 @@ use crate::camera::attitude::Attitude;
 use crate::detector::detection::Detection;
 use crate::image::Rect;
 use crate::math::kalman::{Covariance, MILLI};
-use crate::math::real::{ONE, Real, Vector, ZERO, across, add, divide, exp, sqrt, unit};
+use crate::math::real::{ONE, Real, Vector, ZERO, add, divide, exp, reject, sqrt, unit};
 pub use crate::tracking::measurement::CameraPose;
 use crate::tracking::measurement::Measurement;
 pub use crate::tracking::settings::TrackerSettings;
@@ -142,7 +142,7 @@ impl Track {
     #[inline(never)]
     fn predict(&mut self, dt: Real, settings: &TrackerSettings) {
         self.direction = unit(add(self.direction, self.rate, dt));
-        self.rate = across(self.rate, self.direction);
+        self.rate = reject(self.rate, self.direction);
         self.bearing.predict(dt, ONE, settings.agility);
         let g = self.growth;
         self.size = (self.size + g * dt + g * g * dt * dt / 2).clamp(-MILLI / 50, ONE);
@@ -167,12 +167,12 @@ impl Track {
 
     #[inline(never)]
     fn update(&mut self, measurement: &Measurement, time_us: i64, settings: &TrackerSettings) {
-        let off = across(add(measurement.direction, self.direction, -ONE), self.direction);
+        let off = reject(add(measurement.direction, self.direction, -ONE), self.direction);
         let [place, speed] = self.bearing.update(measurement.variance);
         self.direction = unit(add(self.direction, off, place));
         self.rate = limited(add(self.rate, off, speed), self.direction);
         if let Some((rate, variance)) = measurement.rate {
-            let off = across(add(rate, self.rate, -ONE), self.direction);
+            let off = reject(add(rate, self.rate, -ONE), self.direction);
             let [place, speed] = self.bearing.update_rate(variance);
             self.direction = unit(add(self.direction, off, place));
             self.rate = limited(add(self.rate, off, speed), self.direction);
@@ -216,7 +216,7 @@ impl Track {
     /// Turns everything by `turn`: the frame of reference was another.
     fn turn(&mut self, turn: Attitude) {
         self.direction = unit(turn.rotate(self.direction));
-        self.rate = across(turn.rotate(self.rate), self.direction);
+        self.rate = reject(turn.rotate(self.rate), self.direction);
     }
 
     /// Moves the box to the predicted position.
@@ -253,7 +253,7 @@ fn towards(from: i32, to: i32) -> i32 {
 
 /// A rate brought square to the direction, and within what is believed along each axis.
 fn limited(rate: Vector, direction: Vector) -> Vector {
-    across(rate.map(|v| v.clamp(-MAX_RATE, MAX_RATE)), direction)
+    reject(rate.map(|v| v.clamp(-MAX_RATE, MAX_RATE)), direction)
 }
 
 /// Tracks objects from frame to frame.

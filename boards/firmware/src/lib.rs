@@ -110,7 +110,7 @@ impl Firmware {
             bytes = self.reader.get_mut().fill(bytes);
             // An error says only that the bytes are at their end; half a frame stays in the reader.
             while let Ok(frame) = self.reader.read_any_raw_message_with_dialect(&ArduPilotFrames) {
-                self.onboard.hear(LINE, &frame, Trust::Open, now_us);
+                self.onboard.receive(LINE, &frame, Trust::Open, now_us);
             }
         }
     }
@@ -128,7 +128,7 @@ impl Firmware {
     ) -> Result<&Detections, detector::Error> {
         let Self { detector, detections, onboard, .. } = self;
         detector.process_observed(frame, time_us, detections, observer)?;
-        onboard.see(detections, time_us, clock());
+        onboard.process(detections, time_us, clock());
         Ok(detections)
     }
 

@@ -124,7 +124,7 @@ impl<'b> FrontEnd<'b> {
     ) -> Result<(FrameChannels<'a>, &'a mut [u8]), RegistrationError> {
         self.check(frame)?;
         let Self { state, memory } = self;
-        state.take(frame, memory);
+        state.push_frame(frame, memory);
         state.filled = (state.filled + 1).min(SLICES);
         state.build(frame, memory, registered);
         let (pyramid, scratch) = state.pyramid(frame, memory);
@@ -138,7 +138,7 @@ impl<'b> FrontEnd<'b> {
     /// As [`FrontEnd::process`].
     pub fn skip(&mut self, frame: Image<'_>) -> Result<(), RegistrationError> {
         self.check(frame)?;
-        self.state.take(frame, self.memory);
+        self.state.push_frame(frame, self.memory);
         self.state.filled = 0;
         Ok(())
     }

@@ -96,19 +96,19 @@ impl FrontEndState {
 
     /// Keeps one frame and measures the background's motion to the one before.
     #[inline(never)]
-    pub(super) fn take(&mut self, frame: Image<'_>, bytes: &mut [u8]) {
+    pub(super) fn push_frame(&mut self, frame: Image<'_>, bytes: &mut [u8]) {
         let (width, height) = (self.width, self.height);
         for ring in [&mut self.frames, &mut self.halves, &mut self.coarse, &mut self.slots] {
             ring.advance();
         }
         self.seen = (self.seen + 1).min(FARTHEST + 1);
         let Divided { frames, halves, coarse, .. } = self.divide(bytes);
-        let half = place(halves, pixels(width, height, 1), self.halves.place(0));
+        let half = at_mut(halves, pixels(width, height, 1), self.halves.slot(0));
         let keep = || {
             if frames.is_empty() {
                 return;
             }
-            let newest = place(frames, width * height, self.frames.place(0));
+            let newest = at_mut(frames, width * height, self.frames.slot(0));
             for (y, row) in slices::rows_mut(newest, width).enumerate() {
                 slices::copy(frame.row(y), row);
             }
@@ -117,8 +117,8 @@ impl FrontEndState {
             pyramid::halve(frame, half);
         };
         threads::both(self.parallel(), keep, halve);
-        let half: &[u8] = at(halves, pixels(width, height, 1), self.halves.place(0));
-        let coarse_half = place(coarse, coarse_len(width, height), self.coarse.place(0));
+        let half: &[u8] = at(halves, pixels(width, height, 1), self.halves.slot(0));
+        let coarse_half = at_mut(coarse, coarse_len(width, height), self.coarse.slot(0));
         let (quarter, eighth) = slices::split_mut(coarse_half, pixels(width, height, 2));
         pyramid::halve(picture(half, width, height, 1), quarter);
         pyramid::halve(picture(quarter, width, height, 2), eighth);
@@ -146,8 +146,8 @@ impl FrontEndState {
         age: usize,
     ) -> [Image<'a>; LEVELS] {
         let (width, height) = (self.width, self.height);
-        let half = at(halves, pixels(width, height, 1), self.halves.place(age));
-        let coarse = at(coarse, coarse_len(width, height), self.coarse.place(age));
+        let half = at(halves, pixels(width, height, 1), self.halves.slot(age));
+        let coarse = at(coarse, coarse_len(width, height), self.coarse.slot(age));
         let (quarter, eighth) = slices::split(coarse, pixels(width, height, 2));
         let picture = |(pixels, octave)| picture(pixels, width, height, octave);
         [(half, 1), (quarter, 2), (eighth, 3)].map(picture)
@@ -170,7 +170,7 @@ impl FrontEndState {
     #[inline(never)]
     pub(super) fn build(&self, frame: Image<'_>, bytes: &mut [u8], registered: &mut dyn FnMut()) {
         let geometry = &self.geometry;
-        let slot = self.slots.place(0);
+        let slot = self.slots.slot(0);
         let Divided { frames, halves, coarse, levels, scratch } = self.divide(bytes);
         if !geometry.levels().is_empty() {
             let kinds = [Plane::Far, Plane::Near, Plane::Plain];
@@ -178,12 +178,12 @@ impl FrontEndState {
                 let (octave, parallel) = (geometry.history().octave(), self.parallel());
                 let older = |age| match geometry.history() {
                     History::Full => {
-                        let pixels = at(frames, self.width * self.height, self.frames.place(age));
+                        let pixels = at(frames, self.width * self.height, self.frames.slot(age));
                         picture(pixels, self.width, self.height, 0)
                     }
                     History::Half => {
                         let length = pixels(self.width, self.height, 1);
-                        let pixels = at(halves, length, self.halves.place(age));
+                        let pixels = at(halves, length, self.halves.slot(age));
                         picture(pixels, self.width, self.height, 1)
                     }
                 };
@@ -193,7 +193,7 @@ impl FrontEndState {
                 let chain = |age: usize| &self.motions[..age];
                 warp::warp(older(far), newest, octave, chain(far), parallel, warped);
                 let [far_place, near_place, plain_place] =
-                    kinds.map(|kind| geometry.place(0, kind, slot));
+                    kinds.map(|kind| geometry.byte_range(0, kind, slot));
                 let out = slices::of_mut(levels, far_place);
                 warp::temporal_difference(newest, warped, parallel, out);
                 warp::warp(older(near), newest, octave, chain(near), parallel, warped);
@@ -208,7 +208,7 @@ impl FrontEndState {
                 );
             } else {
                 for kind in kinds {
-                    slices::of_mut(levels, geometry.place(0, kind, slot)).fill(0);
+                    slices::of_mut(levels, geometry.byte_range(0, kind, slot)).fill(0);
                 }
             }
         }
@@ -227,13 +227,13 @@ impl FrontEndState {
         let frame_of = |age: usize| match self.geometry.history() {
             History::Full => {
                 let age = self.slice(age);
-                let whole = at(frames, self.width * self.height, self.frames.place(age));
+                let whole = at(frames, self.width * self.height, self.frames.slot(age));
                 self.halvings(picture(whole, self.width, self.height, 0), halves, coarse, age)
             }
             History::Half => self.halvings(frame, halves, coarse, 0),
         };
         let slots = match self.geometry.history() {
-            History::Full => core::array::from_fn(|age| self.slots.place(self.slice(age))),
+            History::Full => core::array::from_fn(|age| self.slots.slot(self.slice(age))),
             History::Half => [0; SLICES],
         };
         let pyramid = Pyramid::new(&self.geometry, levels, core::array::from_fn(frame_of), slots);
@@ -247,7 +247,7 @@ fn at(ring: &[u8], length: usize, place: usize) -> &[u8] {
 }
 
 /// As [`at`], to write.
-fn place(ring: &mut [u8], length: usize, place: usize) -> &mut [u8] {
+fn at_mut(ring: &mut [u8], length: usize, place: usize) -> &mut [u8] {
     slices::part_mut(ring, place * length, length)
 }
 

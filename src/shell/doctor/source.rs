@@ -119,7 +119,7 @@ fn watch(config: &ServiceConfig, span: Duration) -> Result<(Watched, Arc<Frame>)
                     None => start = Instant::now(),
                 }
                 let frame = Arc::new(frame);
-                watched.blind = sight.judge(&frame);
+                watched.blind = sight.assess(&frame);
                 newest = Some(frame);
             }
             Err(LiveError::Timeout) => {}

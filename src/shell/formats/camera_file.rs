@@ -79,7 +79,7 @@ impl CameraArgs {
             *angle = number("mounting", degrees).map_err(bad)? * PI / 180;
         }
         let turn = Attitude::from_euler(angles[0], angles[1], angles[2]);
-        Ok(camera.mounted(turn.after(Attitude::FORWARD)))
+        Ok(camera.mounted(turn.compose(Attitude::FORWARD)))
     }
 }
 

@@ -123,7 +123,7 @@ pub struct ImageHealth {
 
 impl ImageHealth {
     /// Why nothing can be seen after this frame, if so.
-    pub fn judge(&mut self, frame: &Arc<Frame>) -> Blind {
+    pub fn assess(&mut self, frame: &Arc<Frame>) -> Blind {
         let measures = Measures::of(frame);
         let same = self.last.as_ref().is_some_and(|last| last.pixels == frame.pixels);
         self.last = Some(frame.clone());
@@ -165,25 +165,25 @@ mod tests {
     }
 
     /// Findings for pictures ten times a second whose content depends on the time.
-    fn judge(sight: &mut ImageHealth, from: i64, grey: impl Fn(usize, usize) -> u8) -> Vec<u8> {
+    fn assess(health: &mut ImageHealth, from: i64, grey: impl Fn(usize, usize) -> u8) -> Vec<u8> {
         let picture = |i: i64| {
             let noise = |x: usize, y: usize| ((x * 7 + y * 13 + i as usize * 5) % 3) as u8;
             frame(from + i * SECOND / 10, |x, y| grey(x, y).saturating_add(noise(x, y)))
         };
-        (0..30).map(|i| sight.judge(&picture(i)).bits()).collect()
+        (0..30).map(|i| health.assess(&picture(i)).bits()).collect()
     }
 
     #[test]
     fn a_reason_must_last_and_be_gone_as_long() {
-        let mut sight = ImageHealth::default();
-        let dark = judge(&mut sight, 0, |_, _| 3);
+        let mut health = ImageHealth::default();
+        let dark = assess(&mut health, 0, |_, _| 3);
         assert_eq!(dark.iter().position(|&bits| bits == 1), Some(10));
-        let light = judge(&mut sight, 3 * SECOND, |x, _| x as u8);
+        let light = assess(&mut health, 3 * SECOND, |x, _| x as u8);
         assert_eq!(light.iter().position(|&bits| bits == 0), Some(10));
         // A moment is none.
-        judge(&mut sight, 6 * SECOND, |x, _| x as u8);
-        assert_eq!(sight.judge(&frame(9 * SECOND, |_, _| 0)), Blind::NO);
-        assert!(judge(&mut sight, 9 * SECOND + 1, |x, _| x as u8).iter().all(|&bits| bits == 0));
+        assess(&mut health, 6 * SECOND, |x, _| x as u8);
+        assert_eq!(health.assess(&frame(9 * SECOND, |_, _| 0)), Blind::NO);
+        assert!(assess(&mut health, 9 * SECOND + 1, |x, _| x as u8).iter().all(|&bits| bits == 0));
     }
 
     #[test]
@@ -192,23 +192,23 @@ mod tests {
             |x: usize, y: usize| if (x * 31 + y * 17).is_multiple_of(997) { 200 } else { 24 };
         let sky = |_: usize, y: usize| 120 + y as u8 / 2;
         for seen in [
-            judge(&mut ImageHealth::default(), 0, stars),
-            judge(&mut ImageHealth::default(), 0, sky),
+            assess(&mut ImageHealth::default(), 0, stars),
+            assess(&mut ImageHealth::default(), 0, sky),
         ] {
             assert!(seen.iter().all(|&bits| bits == 0), "{seen:?}");
         }
         // Steps that are sharp, and the same steps over thirty pixels.
         let sharp = |x: usize, _: usize| if (x / 40).is_multiple_of(2) { 60 } else { 180 };
         let soft = |x: usize, _: usize| 60 + 3 * (x % 80).min(80 - x % 80) as u8;
-        assert!(judge(&mut ImageHealth::default(), 0, sharp).iter().all(|&bits| bits == 0));
-        assert_eq!(judge(&mut ImageHealth::default(), 0, soft).last(), Some(&4));
+        assert!(assess(&mut ImageHealth::default(), 0, sharp).iter().all(|&bits| bits == 0));
+        assert_eq!(assess(&mut ImageHealth::default(), 0, soft).last(), Some(&4));
     }
 
     #[test]
     fn the_same_picture_again_and_again_is_frozen() {
-        let mut sight = ImageHealth::default();
+        let mut health = ImageHealth::default();
         let still = |i: i64| frame(i * SECOND / 10, |x, y| (x + y) as u8);
-        let seen: Vec<u8> = (0..20).map(|i| sight.judge(&still(i)).bits()).collect();
+        let seen: Vec<u8> = (0..20).map(|i| health.assess(&still(i)).bits()).collect();
         assert_eq!(seen.iter().position(|&bits| bits == 8), Some(11));
     }
 

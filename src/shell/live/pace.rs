@@ -53,7 +53,7 @@ impl Pace {
             return None;
         }
         let had = self.advice.take();
-        self.advice = self.judge((now_us - since) as f64 / 1e6, had.is_some());
+        self.advice = self.advise((now_us - since) as f64 / 1e6, had.is_some());
         let new = self.advice.is_some() && had.is_none();
         (self.since_us, self.left_out.0) = (Some(now_us), left_out);
         (self.looked, self.busy_us) = (0, 0);
@@ -71,7 +71,7 @@ impl Pace {
         self.advice.as_deref()
     }
 
-    fn judge(&self, seconds: f64, already: bool) -> Option<String> {
+    fn advise(&self, seconds: f64, already: bool) -> Option<String> {
         let looked = f64::from(self.looked) / seconds;
         let left_out = f64::from(self.left_out.1.wrapping_sub(self.left_out.0)) / seconds;
         let coming = looked + left_out;

@@ -244,7 +244,7 @@ impl<'a> Service<'a> {
 
     fn hear(&mut self, heard: &Inbound) {
         self.outputs.heard(heard);
-        self.onboard.hear(heard.link, &heard.frame, heard.trust, heard.time_us);
+        self.onboard.receive(heard.link, &heard.frame, heard.trust, heard.time_us);
         telemetry::log_events(&mut self.onboard);
         let parameters = *self.onboard.component().parameters();
         if parameters != self.kept {
@@ -269,7 +269,7 @@ impl<'a> Service<'a> {
             tracing::warn!("{advice}");
         }
         self.onboard.report(left_out, seen.blind, busy_us);
-        let tracks = self.onboard.see(&seen.found, seen.frame.time_us, received_us);
+        let tracks = self.onboard.process(&seen.found, seen.frame.time_us, received_us);
         self.summary.frames += 1;
         self.summary.digest.update(&seen.found.list);
         self.summary.stages.add(&seen, received_us, now_us());

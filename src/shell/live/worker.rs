@@ -78,7 +78,7 @@ pub fn run(
         loop {
             number += 1;
             let begun_us = now_us();
-            let blind = sight.judge(&frame);
+            let blind = sight.assess(&frame);
             let mut ended_us = [0; DetectorStage::ALL.len()];
             let mut observer = |stage: DetectorStage| ended_us[stage as usize] = now_us();
             let mut found = Detections::default();

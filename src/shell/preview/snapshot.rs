@@ -312,7 +312,7 @@ mod tests {
         for (yaw, azimuth) in [(0, 0.0), (40, 40.0), (-90, -90.0), (170, 170.0)] {
             let turn = Attitude::from_euler(Real::ZERO, Real::ZERO, Real::from_num(yaw) * PI / 180);
             let mut snapshot = Snapshot::default();
-            snapshot.look_through(Some(&camera.mounted(turn.after(Attitude::FORWARD))));
+            snapshot.look_through(Some(&camera.mounted(turn.compose(Attitude::FORWARD))));
             assert!(near(snapshot.camera_azimuth_deg, azimuth), "{snapshot:?}");
             assert!(near(snapshot.field_of_view_deg, 60.0), "{snapshot:?}");
         }

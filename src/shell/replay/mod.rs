@@ -268,7 +268,7 @@ impl ReplayOutputs {
         };
         let now_us = frame.time_us.saturating_add(LATENCY_US);
         self.telemetry.advance(onboard, now_us)?;
-        let tracks = onboard.see(found, frame.time_us, now_us);
+        let tracks = onboard.process(found, frame.time_us, now_us);
         if number <= self.lead {
             return Ok(());
         }

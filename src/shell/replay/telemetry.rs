@@ -247,7 +247,7 @@ impl ReplayTelemetry {
         while let Some(item) = self.feed.next_if(due) {
             let (time_us, frame) = item?;
             if time_us >= -BEFORE_US {
-                onboard.hear(RECORDED, &frame, Trust::Open, time_us);
+                onboard.receive(RECORDED, &frame, Trust::Open, time_us);
             }
         }
         Ok(())
@@ -262,7 +262,7 @@ impl ReplayTelemetry {
             let left = due.saturating_sub(started.elapsed());
             match links.receive(left) {
                 Some(inbound) => {
-                    onboard.hear(inbound.link, &inbound.frame, inbound.trust, self.now_us)
+                    onboard.receive(inbound.link, &inbound.frame, inbound.trust, self.now_us)
                 }
                 None if left.is_zero() => return,
                 None => {}
