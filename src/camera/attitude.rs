@@ -140,7 +140,8 @@ impl Attitude {
         real::atan2(real::norm([x, y, z]), w.saturating_abs()) * 2
     }
 
-    /// Between `self` (`part` 0) and `other` (`part` 1) on the shorter way, or beyond; for near attitudes.
+    /// Normalised linear interpolation of quaternions on the shorter way: `self` at `part` 0, `other` at 1, extrapolation
+    /// beyond; for near attitudes.
     pub fn nlerp(self, other: Self, part: Real) -> Self {
         let (a, b) = (self.parts(), other.parts());
         let cosine: Real = a.iter().zip(b).map(|(a, b)| *a * b).sum();

@@ -83,7 +83,8 @@ impl AttitudeBuffer {
         Self { kept: heapless::Vec::new(), rates: heapless::Vec::new(), held: 0 }
     }
 
-    /// None known; of what hardly turns, as a stabilised gimbal does: the newest is held up to `age` microseconds.
+    /// A buffer without attitudes, of something that hardly turns, as a stabilised gimbal: the newest attitude is valid for
+    /// `age` microseconds.
     pub const fn held_for(age: i64) -> Self {
         let held = age.saturating_sub(BEYOND);
         Self { kept: heapless::Vec::new(), rates: heapless::Vec::new(), held }
@@ -216,7 +217,7 @@ impl AttitudeBuffer {
         Some(self.kept[place.checked_sub(1)?].0)
     }
 
-    /// Forgets all, for another clock.
+    /// Removes all attitudes, as when the clock changes.
     pub fn clear(&mut self) {
         self.kept.clear();
         self.rates.clear();

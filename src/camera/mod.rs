@@ -152,7 +152,8 @@ impl Camera {
         Ok(Self { scale_error: ROUGH_SCALE, centre_error, ..camera })
     }
 
-    /// The camera turned: `mounting` leads from the camera's axes to the body's. [`Attitude::FORWARD`] before.
+    /// The camera with another mounting: `mounting` leads from the camera's axes to the body's. [`Attitude::FORWARD`]
+    /// before.
     pub const fn mounted(self, mounting: Attitude) -> Self {
         Self { mounting, ..self }
     }

@@ -25,7 +25,7 @@ impl History {
         }
     }
 
-    /// Frames back to which differences are taken: far back for what moves slowly against the background, and a few
+    /// Frames back to which differences are taken: far back for objects that move slowly against the background, and a few
     /// frames, to the oldest slice of a full cube, for what moves fast.
     pub const fn lags(self) -> [usize; 2] {
         match self {
@@ -99,12 +99,12 @@ impl FrameRing {
         Self { length, newest: 0 }
     }
 
-    /// Moves on: the oldest place becomes the newest.
+    /// Makes the slot of the oldest frame that of the newest.
     pub const fn advance(&mut self) {
         self.newest = if self.newest + 1 < self.length { self.newest + 1 } else { 0 };
     }
 
-    /// The place of the frame `age` frames ago. Panics if the ring is not that long.
+    /// Slot of the frame `age` frames ago, 0 to `length` - 1. Panics if the ring is not that long.
     pub const fn slot(&self, age: usize) -> usize {
         assert!(age < self.length, "older than the ring is long");
         (self.newest + self.length - age) % self.length

@@ -96,7 +96,7 @@ pub struct PyramidLayout {
 
 impl PyramidLayout {
     /// Levels for targets of `min_target` to `max_target` pixels (longer side) in frames of `width` x `height`;
-    /// `scales_per_octave` counts as 1 to 4. None where the frame is smaller than any window.
+    /// `scales_per_octave` is clamped to 1..=4. There are no levels where the frame is smaller than any window.
     pub const fn new(
         width: usize,
         height: usize,

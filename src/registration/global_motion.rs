@@ -87,7 +87,7 @@ impl GlobalMotion {
         self.parameters
     }
 
-    /// Whether the background held enough to measure the motion; if not, the motion is none.
+    /// Whether the background held enough to measure the motion; if not, it is the identity.
     pub const fn is_valid(&self) -> bool {
         self.valid
     }

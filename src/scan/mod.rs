@@ -43,11 +43,11 @@ pub type Candidates = heapless::Vec<Candidate, MAX_CANDIDATES>;
 /// Numbers of windows and trees that the scan evaluated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ScanWork {
-    /// Windows that were looked at.
+    /// Windows that the cascade evaluated.
     pub windows: u32,
     /// Windows that the cascade kept.
     pub kept: u32,
-    /// Of these, windows that found no room; those that overlap a better one are not counted.
+    /// Kept windows left out for want of room; those that overlap a better one are not counted.
     pub dropped: u32,
 }
 

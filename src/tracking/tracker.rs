@@ -326,7 +326,7 @@ impl Tracker {
         self.tracks.clear();
     }
 
-    /// The frame of reference is another from now on: what pointed along v points along `turn` v.
+    /// Changes the frame of reference: directions v become `turn` v.
     pub fn turn(&mut self, turn: Attitude) {
         self.tracks.iter_mut().for_each(|track| track.turn(turn));
     }
