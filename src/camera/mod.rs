@@ -1,7 +1,8 @@
 //! Camera model: pixels to directions and back.
 //!
-//! A camera has a [`Lens`], focal lengths and an optical axis, as OpenCV's calibration finds them. OpenCV puts the centre of a pixel at whole numbers; points of this
-//! crate's pictures are half a pixel further (see [`crate::image`]), which is taken care of here.
+//! A camera has a [`Lens`], focal lengths and an optical axis, as OpenCV's calibration finds them. OpenCV puts the centre
+//! of a pixel at whole numbers; points of this crate's pictures are half a pixel further (see [`crate::image`]), which is
+//! taken care of here.
 
 pub mod attitude;
 pub mod attitude_buffer;

@@ -156,7 +156,8 @@ fn newest_at_once(newest: &NewestChannels<'_>, x: i32, y: i32) -> Square<SIDE> {
     cells_of(&planes, newest.slice.cells(), x, y)
 }
 
-/// The cells of a square whose upper left one is at (left, top), one after the other; those outside a level of such a size are 0.
+/// The cells of a square whose upper left one is at (left, top), one after the other; those outside a level of such a size
+/// are 0.
 fn square<R>(
     size: (usize, usize),
     (left, top): (i32, i32),
@@ -237,7 +238,8 @@ impl NewestChannels<'_> {
     }
 }
 
-/// Channels of the newest frame: energies (whatever was there before where it has no orientations), magnitude, grey, differences.
+/// Channels of the newest frame: energies (whatever was there before where it has no orientations), magnitude, grey,
+/// differences.
 pub const CELL_CHANNELS: usize = ORIENTATIONS + 2 + DIFFERENCES;
 
 /// Which of them is the grey level; behind it are the differences.

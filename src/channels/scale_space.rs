@@ -1,6 +1,7 @@
 //! The pyramid of a frame and its memory.
 //!
-//! One window size finds targets of all sizes: level i is the frame reduced by `2^(i / scales_per_octave)`. Levels of the first octave are resampled from the frame, the others are halves of those an octave finer.
+//! One window size finds targets of all sizes: level i is the frame reduced by `2^(i / scales_per_octave)`. Levels of the
+//! first octave are resampled from the frame, the others are halves of those an octave finer.
 
 use crate::channels::history::History;
 use crate::channels::window::{PADDING, Position, SLICES, WINDOW, boxed};

@@ -46,8 +46,8 @@ pub const fn resized(length: usize, step: u32) -> usize {
 }
 
 /// Bilinear samples of `src`, `steps` pixels apart across and down (Q16, 65536 is one pixel, more makes the picture
-/// smaller): the centre of pixel x of the result lies at `(x + 1/2) * steps.0` in `src`. Returns the size of the picture written row
-/// by row to `dst`.
+/// smaller): the centre of pixel x of the result lies at `(x + 1/2) * steps.0` in `src`. Returns the size of the picture
+/// written row by row to `dst`.
 ///
 /// Panics if a step is 0 or `dst` has fewer bytes than the result, see [`resized`].
 pub fn resize(src: Image<'_>, steps: (u32, u32), dst: &mut [u8]) -> (usize, usize) {

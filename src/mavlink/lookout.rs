@@ -144,8 +144,8 @@ impl Lookout {
         traffic
     }
 
-    /// Turns directions from the gimbal's axes to the vehicle's; whether both are known. Without a recent attitude of the gimbal
-    /// none in the world is known either.
+    /// Turns directions from the gimbal's axes to the vehicle's; whether both are known. Without a recent attitude of the
+    /// gimbal none in the world is known either.
     fn see_from_vehicle(&self, traffic: &mut [Traffic], time_us: i64) -> bool {
         let fresh = self.is_gimbal_fresh(time_us);
         let turn = self.gimbal_on_vehicle(time_us);

@@ -1,9 +1,10 @@
 //! St-cubes: windows on the gradient energies of several frames.
 //!
 //! A [`Patch`] is one slice: the summed-area table (Viola & Jones 2001, sec. 2.1) of a window of [`WINDOW`] x [`WINDOW`]
-//! cells, cut out at a quarter of a cell. Since box sums are linear in the table's corners, interpolated corners give the box sums of the
-//! interpolated channels. In the paper's terms a window is 40x40 px with targets about 20 px long: the finest level
-//! takes its gradients at every second of those pixels, which is the frame's own resolution for targets of 10 px.
+//! cells, cut out at a quarter of a cell. Since box sums are linear in the table's corners, interpolated corners give the
+//! box sums of the interpolated channels. In the paper's terms a window is 40x40 px with targets about 20 px long: the
+//! finest level takes its gradients at every second of those pixels, which is the frame's own resolution for targets of 10
+//! px.
 
 use crate::channels::window::{SLICES, SUBCELL, WINDOW};
 use crate::channels::{CHANNELS, NewestChannels, Slice, Square};

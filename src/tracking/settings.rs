@@ -27,7 +27,8 @@ pub struct TrackerSettings {
     pub coast_us: i64,
     /// Least score by its frame alone of a detection that starts a track, Q16 log-odds.
     pub start_score: i32,
-    /// Least [`Track::mean_log_odds`](crate::tracking::tracker::Track::mean_log_odds) from which on a track is confirmed, Q16 log-odds.
+    /// Least [`Track::mean_log_odds`](crate::tracking::tracker::Track::mean_log_odds) from which on a track is confirmed,
+    /// Q16 log-odds.
     pub confirm_score: i32,
     /// Least score of a detection that continues a track, Q16 log-odds.
     pub keep_score: i32,

@@ -63,8 +63,8 @@ pub struct Track {
     pub score: i32,
     /// By its frame alone.
     frame_score: i32,
-    /// Exponential moving average of the frames' own scores, weight 1/8, Q16 log-odds; it starts at [`TrackerSettings::keep_score`], which also
-    /// stands for frames without a detection.
+    /// Exponential moving average of the frames' own scores, weight 1/8, Q16 log-odds; it starts at
+    /// [`TrackerSettings::keep_score`], which also stands for frames without a detection.
     pub mean_log_odds: i32,
     /// Box in the newest frame, predicted while coasting.
     pub rect: Rect,

@@ -1,7 +1,8 @@
 //! The front end: from frames to the pyramids of grey and difference images that scan and st-cubes read.
 //!
-//! It keeps the last frames ([`History`] says how many, at which size), measures the background's motion between them,
-//! takes the temporal differences that remain after that motion is removed, and fills the levels of the scale space.
+//! It keeps the last frames ([`History`](crate::channels::history::History) says how many, at which size), measures the
+//! background's motion between them, takes the temporal differences that remain after that motion is removed, and fills the
+//! levels of the scale space.
 
 mod state;
 
@@ -68,8 +69,8 @@ impl<'b> FrontEnd<'b> {
     /// A front end for the levels of `geometry` that has seen no frame.
     ///
     /// # Errors
-    /// [`RegistrationError::BufferTooSmall`] if `memory` has fewer than [`FrontEnd::bytes_len`] bytes. Bytes beyond that are scratch
-    /// memory of [`FrontEnd::process`].
+    /// [`RegistrationError::BufferTooSmall`] if `memory` has fewer than [`FrontEnd::bytes_len`] bytes. Bytes beyond that
+    /// are scratch memory of [`FrontEnd::process`].
     pub fn new(
         geometry: PyramidLayout,
         method: Method,

@@ -9,7 +9,7 @@ use crate::math::{slices, threads};
 use crate::registration::{self, GlobalMotion, LEVELS, warp};
 
 /// All of a front end but its memory: which frames are where in it. Its functions panic if the memory is shorter than
-/// [`FrontEnd::bytes_len`] or the frame has another size than the levels are laid out for.
+/// `FrontEnd::bytes_len` or the frame has another size than the levels are laid out for.
 #[derive(Debug, Clone)]
 pub(super) struct FrontEndState {
     width: usize,

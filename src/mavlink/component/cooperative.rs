@@ -1,8 +1,8 @@
 //! Aircraft that transmit their own position (ADS-B, FLARM, Remote ID), as the autopilot passes them on by ADSB_VEHICLE.
 //!
-//! One in the direction of a track explains it: the track takes its callsign and gets a bonus on its log-odds. Only directions are compared;
-//! ranges of tracks come from an assumed wingspan. Reports of lookouts, which an autopilot passes on as well, are left
-//! out by their address: they would confirm themselves.
+//! One in the direction of a track explains it: the track takes its callsign and gets a bonus on its log-odds. Only
+//! directions are compared; ranges of tracks come from an assumed wingspan. Reports of lookouts, which an autopilot passes
+//! on as well, are left out by their address: they would confirm themselves.
 
 use super::Component;
 use crate::mavlink::dialect::{ADSB_VEHICLE_DATA, AdsbAltitudeType, AdsbFlags};

@@ -235,7 +235,8 @@ impl Component {
     }
 
     /// OBSTACLE_DISTANCE or OBSTACLE_DISTANCE_3D, for the autopilot alone; regularly, also of nothing. Not while the
-    /// lookout sees nothing, or does not know where its gimbal points: the autopilot then takes it for a lost sensor, which it is.
+    /// lookout sees nothing, or does not know where its gimbal points: the autopilot then takes it for a lost sensor, which
+    /// it is.
     fn send_proximity(&mut self, now_us: i64) {
         let Some(autopilot) = self.autopilot else { return };
         if self.state != status::LookoutState::Watching || !self.health.pointed {

@@ -1,8 +1,9 @@
 //! MAVLink messages about traffic and about the lookout itself.
 //!
-//! Each builder returns the payload of one message, or `None` where a required value is not known. No clock, no I/O, no state but that of [`text::Alerts`]. Floating point stands only in fields
-//! that are `f32` on the wire. Field by field the builders follow what ArduPilot, PX4 and the ground stations read.
-//! Source of the messages: MAVLink message set `ardupilotmega`, <https://mavlink.io/en/messages/ardupilotmega.html>.
+//! Each builder returns the payload of one message, or `None` where a required value is not known. No clock, no I/O, no
+//! state but that of [`text::Alerts`]. Floating point stands only in fields that are `f32` on the wire. Field by field the
+//! builders follow what ArduPilot, PX4 and the ground stations read. Source of the messages: MAVLink message set
+//! `ardupilotmega`, <https://mavlink.io/en/messages/ardupilotmega.html>.
 
 pub mod adsb;
 pub mod angle;

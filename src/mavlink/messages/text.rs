@@ -25,8 +25,8 @@ fn text(severity: MavSeverity, words: &str) -> STATUSTEXT_DATA {
     STATUSTEXT_DATA { severity, text: CharArray::from(words), id: 0, chunk_seq: 0 }
 }
 
-/// The text about an object of this name; `None` below [`AlertLevel::Traffic`]. Its direction is left out unless it is `pointed`
-/// ([`Health::pointed`](super::Health::pointed)).
+/// The text about an object of this name; `None` below [`AlertLevel::Traffic`]. Its direction is left out unless it is
+/// `pointed` ([`Health::pointed`](super::Health::pointed)).
 pub fn about(traffic: &Traffic, callsign: Callsign, pointed: bool) -> Option<STATUSTEXT_DATA> {
     let (severity, word) = match traffic.level {
         AlertLevel::None => return None,

@@ -53,9 +53,10 @@ pub struct MapStrip<'a> {
 /// Computes the scan's map of a level, `rows` rows at a time of which the first `shared` are the last ones of the strip
 /// before; `noise` as [`noise`] gives it, the same for all levels.
 ///
-/// Channels: 0..6 orientations (0 where there are none) and 6 magnitude against the mean magnitude around; 7 magnitude; 8 intensity against the
-/// mean around, relative to the magnitude around (128: equal); 9 the same in half grey levels; 10..13 the differences
-/// against the frame's noise; 13 and 15 two of them against their mean around; 14 the plain one against the magnitude.
+/// Channels: 0..6 orientations (0 where there are none) and 6 magnitude against the mean magnitude around; 7 magnitude; 8
+/// intensity against the mean around, relative to the magnitude around (128: equal); 9 the same in half grey levels; 10..13
+/// the differences against the frame's noise; 13 and 15 two of them against their mean around; 14 the plain one against the
+/// magnitude.
 ///
 /// Panics if there are fewer than [`strip_bytes`] bytes or [`strip_words`] words, or not more rows than shared ones.
 pub fn strips(

@@ -28,8 +28,8 @@ pub(super) const fn sums_len(columns: usize) -> usize {
 /// The byte of a map for a value of 0: they are kept less 128, since vector instructions compare signed bytes.
 pub(super) const NOTHING: u8 = 128;
 
-/// Ratios in [`ROOT`]: the largest is 255 times the largest of [`RECIPROCAL`], Q8. Where there is room for a table of all numbers
-/// of 16 bits, looking one up needs no check.
+/// Ratios in [`ROOT`]: the largest is 255 times the largest of [`RECIPROCAL`], Q8. Where there is room for a table of all
+/// numbers of 16 bits, looking one up needs no check.
 const RATIOS: usize = if cfg!(feature = "simd") { 1 << 16 } else { 4096 };
 
 /// `8 * sqrt(i)`, at most 255, as a byte of a map: compresses ratios so that small ones keep their resolution.

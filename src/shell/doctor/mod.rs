@@ -99,7 +99,8 @@ pub struct DoctorArgs {
 /// Examines the links and prints what was found.
 ///
 /// # Errors
-/// [`DoctorError`] where a port cannot be opened, nothing was heard or something is missing, [`FileError::Write`](crate::shell::support::file_error::FileError::Write).
+/// [`DoctorError`] where a port cannot be opened, nothing was heard or something is missing,
+/// [`FileError::Write`](crate::shell::support::file_error::FileError::Write).
 pub fn run(args: &DoctorArgs) -> Result<Ended, Error> {
     interrupt::watch()?;
     let missing = source::examine(&args.source, args.seconds)?;

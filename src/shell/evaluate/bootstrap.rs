@@ -1,7 +1,7 @@
 //! Confidence intervals by the percentile bootstrap over clips (Efron & Tibshirani 1993, chapter 13).
 //!
-//! Frames of a clip are alike: only clips are drawn anew, with replacement, as many as there are. All figures are taken on the same
-//! draws, so that differences between methods are paired.
+//! Frames of a clip are alike: only clips are drawn anew, with replacement, as many as there are. All figures are taken on
+//! the same draws, so that differences between methods are paired.
 
 use crate::shell::evaluate::ranking::Ranking;
 use crate::shell::support::parallel;

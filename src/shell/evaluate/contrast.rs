@@ -60,8 +60,8 @@ fn deviation(pixels: impl Iterator<Item = f64>, mean: f64) -> f64 {
     sum / count
 }
 
-/// Mean absolute difference, in grey levels, of the pixels in a box to the mean of the ring around it. The ring is half the box's longer
-/// side wide. 0 where the frame holds no pixel of the box or of the ring.
+/// Mean absolute difference, in grey levels, of the pixels in a box to the mean of the ring around it. The ring is half the
+/// box's longer side wide. 0 where the frame holds no pixel of the box or of the ring.
 pub fn contrast(frame: &Frame, rect: &Box4) -> f64 {
     let regions = Regions::new(frame, rect);
     regions.map_or(0.0, |r| deviation(r.pixels_in(&r.inner), r.ring_mean()))

@@ -1,9 +1,9 @@
-//! Matching of detections to ground truth: true positives, false positives, or ignored, by the rules of the project's independent
-//! scorer (`score.py`).
+//! Matching of detections to ground truth: true positives, false positives, or ignored, by the rules of the project's
+//! independent scorer (`score.py`).
 //!
-//! Within a frame detections are matched greedily in the order of their scores: each to the free target with the largest intersection
-//! over union, if that reaches the threshold. Birds, targets cut by the frame's edge and targets too small are ignored: a detection with half of its area
-//! on one counts neither way.
+//! Within a frame detections are matched greedily in the order of their scores: each to the free target with the largest
+//! intersection over union, if that reaches the threshold. Birds, targets cut by the frame's edge and targets too small are
+//! ignored: a detection with half of its area on one counts neither way.
 
 use super::ranking::{RankedDetection, surest_first};
 use crate::shell::formats::class::Class;
@@ -82,8 +82,8 @@ pub struct ClipMatches {
     pub detections: Vec<Matched>,
 }
 
-/// Matches the detections of a clip, its first `warmup` frames left out. A detection is right when its intersection over union with a
-/// target is at least `iou`.
+/// Matches the detections of a clip, its first `warmup` frames left out. A detection is right when its intersection over
+/// union with a target is at least `iou`.
 pub fn match_detections(
     truth: &GroundTruth,
     found: &[DetectionRecord],

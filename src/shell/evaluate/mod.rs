@@ -162,7 +162,8 @@ pub struct EvalArgs {
     /// Folder with METHOD.lkm for each method but ours, whose model is --model
     #[arg(long, value_name = "DIR", default_value = "methods")]
     models: PathBuf,
-    /// With --manifest: the run's folder, which all shards share. Else: write CLIP.txt (MOTChallenge) and CLIP.jsonl (with motion) for every clip into this folder, of other methods than ours into its folder METHOD
+    /// With --manifest: the run's folder, which all shards share. Else: write CLIP.txt (MOTChallenge) and CLIP.jsonl (with
+    /// motion) for every clip into this folder, of other methods than ours into its folder METHOD
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -180,7 +181,8 @@ pub struct ScoreArgs {
     data: Vec<PathBuf>,
     #[command(flatten)]
     split: SplitArgs,
-    /// Folder with CLIP.txt (MOTChallenge) for the clips, CLIP.jsonl beside it for --tracks; a clip without a file has no detections
+    /// Folder with CLIP.txt (MOTChallenge) for the clips, CLIP.jsonl beside it for --tracks; a clip without a file has no
+    /// detections
     #[arg(value_name = "DETECTIONS")]
     detections: PathBuf,
     /// Write ground_truth.json and detections.json in COCO's form into this folder
@@ -191,8 +193,9 @@ pub struct ScoreArgs {
 /// Runs the detector on every clip and prints the figures.
 ///
 /// # Errors
-/// [`Error`] where nothing can be measured or a file cannot be written; [`Error::BrokenClips`](crate::shell::evaluate::EvaluateError::BrokenClips) after everything else
-/// where clips had to be left out. The files of complete clips stay.
+/// [`Error`] where nothing can be measured or a file cannot be written;
+/// [`Error::BrokenClips`](crate::shell::evaluate::EvaluateError::BrokenClips) after everything else where clips had to be
+/// left out. The files of complete clips stay.
 pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
     if let Some(manifest) = &args.manifest {
         return run_manifest(args, manifest);
@@ -329,7 +332,8 @@ fn runs(args: &EvalArgs, report: bool) -> Result<Vec<MethodRun>, Error> {
 /// Prints the figures of detections in files.
 ///
 /// # Errors
-/// [`Error`] naming the file and the line; [`Error::NoDetections`](crate::shell::evaluate::EvaluateError::NoDetections) where no clip has a file.
+/// [`Error`] naming the file and the line; [`Error::NoDetections`](crate::shell::evaluate::EvaluateError::NoDetections)
+/// where no clip has a file.
 pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     report::readable(&args.detections)?;
     let mut splits = Splits::read(&args.data, &args.split.clips)?;

@@ -138,8 +138,8 @@ impl Ranking {
         right as f64 / self.targets(times).max(1) as f64
     }
 
-    /// The lowest score from which on there are at most `limit` false alarms in 1000 frames; none if every score has more, or there
-    /// is no detection.
+    /// The lowest score from which on there are at most `limit` false alarms in 1000 frames; none if every score has more,
+    /// or there is no detection.
     pub fn threshold(&self, limit: u64) -> Option<f64> {
         let limit = limit * self.frames(&self.whole());
         let mut wrong = 0;

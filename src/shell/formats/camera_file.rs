@@ -23,7 +23,8 @@ pub struct CameraArgs {
     /// Horizontal field of view in degrees without a calibration; directions and ranges are then approximate
     #[arg(long, value_name = "DEGREES", default_value_t = 60.0)]
     pub fov: f64,
-    /// Mounting of the camera on the vehicle: roll, pitch, yaw in degrees (pitch up, yaw to the right positive); 0,0,0 looks forward
+    /// Mounting of the camera on the vehicle: roll, pitch, yaw in degrees (pitch up, yaw to the right positive); 0,0,0
+    /// looks forward
     #[arg(long, value_name = "ROLL,PITCH,YAW", value_delimiter = ',', allow_hyphen_values = true)]
     pub mounting: Vec<f64>,
 }

@@ -1,7 +1,8 @@
 //! Detections as text: MOTChallenge and JSON Lines.
 //!
-//! Numbers are printed from the detector's integers: boxes exactly (sixteenths have four decimals), scores with six decimals, which
-//! keep all scores apart. A frame is written in one piece, so that a run that is cut off leaves whole lines.
+//! Numbers are printed from the detector's integers: boxes exactly (sixteenths have four decimals), scores with six
+//! decimals, which keep all scores apart. A frame is written in one piece, so that a run that is cut off leaves whole
+//! lines.
 
 use super::error::FormatError;
 use super::traffic::{self, TrafficLine};

@@ -12,7 +12,8 @@ use std::string::{String, ToString};
 use std::time::Duration;
 use std::vec::Vec;
 
-/// Starts `command`, which writes y4m or bare frames of that layout; a frame's time is that of its arrival less `stream.latency_ms`.
+/// Starts `command`, which writes y4m or bare frames of that layout; a frame's time is that of its arrival less
+/// `stream.latency_ms`.
 ///
 /// # Errors
 /// [`LiveError::Gone`] with the reason, also for what only a person can mend.

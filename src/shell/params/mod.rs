@@ -55,7 +55,8 @@ enum ParamsVerb {
 /// Link to the lookout.
 #[derive(Debug, Clone, clap::Args)]
 struct LinkArgs {
-    /// Link to the lookout, or to an autopilot or router that forwards: udpin:HOST:PORT, udpout:.., tcpin:.., tcpout:.. or serial:DEVICE:BAUD
+    /// Link to the lookout, or to an autopilot or router that forwards: udpin:HOST:PORT, udpout:.., tcpin:.., tcpout:.. or
+    /// serial:DEVICE:BAUD
     #[arg(long, value_name = "SPEC")]
     link: LinkSpec,
     /// Its component id

@@ -76,7 +76,8 @@ pub struct DetectorArgs {
     /// Scale frames to this size before detection; results are in pixels of the unscaled frames
     #[arg(long, value_name = "WxH")]
     pub frame: Option<FrameSize>,
-    /// Mask of the own craft: a picture with the frames' aspect ratio, black where nothing is reported (`lookout mask` makes one)
+    /// Mask of the own craft: a picture with the frames' aspect ratio, black where nothing is reported (`lookout mask`
+    /// makes one)
     #[arg(long, value_name = "FILE")]
     pub mask: Option<PathBuf>,
     /// Parts of the method to leave out.

@@ -9,8 +9,8 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::vec::Vec;
 
-/// Runs `work` on clips (or what stands for them) and their numbers, `jobs` at a time (0: one per processor core), each on a thread
-/// of its own; `None` after Ctrl-C.
+/// Runs `work` on clips (or what stands for them) and their numbers, `jobs` at a time (0: one per processor core), each on
+/// a thread of its own; `None` after Ctrl-C.
 ///
 /// # Errors
 /// The error of the first clip in their order that has one.

@@ -2,9 +2,9 @@
 //! recordings or rendered from solid models.
 //!
 //! In: [`Assets`] (a folder of pictures, splits of clips to cut objects out of, OBJ models) and [`RenderSettings`] (ranges that
-//! every flight draws its own values from). Out: [`RenderedFlight`], which yields grey frames with [`RenderedTruth`], the same bytes
-//! for the same assets, settings, seed and index on every processor: integers and IEEE-exact operations alone, nothing of
-//! a platform's mathematical library.
+//! every flight draws its own values from). Out: [`RenderedFlight`], which yields grey frames with [`RenderedTruth`], the
+//! same bytes for the same assets, settings, seed and index on every processor: integers and IEEE-exact operations alone,
+//! nothing of a platform's mathematical library.
 //!
 //! The way of a frame: camera pose (`motion`) -> texture coordinates of a grid of pixels (`view`, `projection`) ->
 //! gathering with relief, shimmer and motion blur (`background`, `scene`) -> movers, glints, birds, targets, own craft

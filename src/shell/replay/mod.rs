@@ -49,7 +49,8 @@ const THRESHOLD: i32 = -1 << SCORE_BITS;
 #[derive(Debug, Clone, clap::Args)]
 #[command(mut_arg("kind", |kind| kind.conflicts_with("input")))]
 pub struct ReplayArgs {
-    /// Folder of PNG, JPEG or PGM pictures, .y4m, - (y4m on standard input), or any video ffmpeg reads; none: a simulated flight
+    /// Folder of PNG, JPEG or PGM pictures, .y4m, - (y4m on standard input), or any video ffmpeg reads; none: a simulated
+    /// flight
     #[arg(value_name = "INPUT")]
     input: Option<PathBuf>,
     #[command(flatten)]
@@ -73,7 +74,8 @@ pub struct ReplayArgs {
     /// Threads to use; 1: the main thread alone, 0: one per processor core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
-    /// Process this many frames at the start without reporting: recordings begin with the frames that later detections depend on
+    /// Process this many frames at the start without reporting: recordings begin with the frames that later detections
+    /// depend on
     #[arg(long, value_name = "N", default_value_t = 0)]
     lead: u64,
     #[command(flatten)]

@@ -52,7 +52,8 @@ pub struct TelemetryArgs {
     /// Send over this link in real time: udpout:HOST:PORT, udpin:.., tcpout:.., tcpin:.. or serial:DEVICE:BAUD; may be repeated
     #[arg(long, value_name = "SPEC")]
     link: Vec<LinkSpec>,
-    /// Key for signatures on these links, 64 hexadecimal digits; unsigned commands are then refused. The signing time is kept in FILE.time
+    /// Key for signatures on these links, 64 hexadecimal digits; unsigned commands are then refused. The signing time is
+    /// kept in FILE.time
     #[arg(long, value_name = "FILE", requires = "link")]
     signing_key: Option<PathBuf>,
     /// The camera is on a gimbal: where it looks comes from GIMBAL_DEVICE_ATTITUDE_STATUS in the log

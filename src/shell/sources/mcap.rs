@@ -1,5 +1,5 @@
-//! Pictures in an MCAP file: ROS 2's `sensor_msgs/msg/Image` and `CompressedImage` (CDR), and `foxglove.CompressedImage` (JSON),
-//! as `lookout replay --mcap` writes it.
+//! Pictures in an MCAP file: ROS 2's `sensor_msgs/msg/Image` and `CompressedImage` (CDR), and `foxglove.CompressedImage`
+//! (JSON), as `lookout replay --mcap` writes it.
 //!
 //! Pictures of one topic are read: the first that has any, or TOPIC of `FILE.mcap#TOPIC`.
 

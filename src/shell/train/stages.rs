@@ -152,8 +152,8 @@ impl<'a> Trainer<'a> {
         Ok(self.pack(report, pass, work, Ok)?.into_iter().flatten().collect())
     }
 
-    /// As [`Trainer::each`], for rows of `features` values: the rows without their values, and the binned values, with `fixed` edges
-    /// of the first features among the others.
+    /// As [`Trainer::each`], for rows of `features` values: the rows without their values, and the binned values, with
+    /// `fixed` edges of the first features among the others.
     pub(super) fn rows(
         &self,
         report: &TrainingReport,

@@ -184,7 +184,8 @@ pub struct WindowTable {
 }
 
 impl WindowTable {
-    /// Bins the windows into at most `edges` + 1 bins; of channels from `channels` on nothing is seen. Positives and negatives weigh the same in all.
+    /// Bins the windows into at most `edges` + 1 bins; of channels from `channels` on nothing is seen. Positives and
+    /// negatives weigh the same in all.
     ///
     /// # Errors
     /// [`SamplesError`], when there are too many.

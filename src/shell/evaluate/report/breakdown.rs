@@ -1,7 +1,7 @@
 //! Figures by groups of targets: size, contrast, agitation of the camera, kind of encounter, class.
 //!
-//! Each target is in one group. A false alarm counts in the group of its own size or contrast, or of its clip; it has no class and
-//! counts in every one.
+//! Each target is in one group. A false alarm counts in the group of its own size or contrast, or of its clip; it has no
+//! class and counts in every one.
 
 use super::methods::Detected;
 use crate::shell::evaluate::bootstrap::{Bootstrap, Interval};
@@ -181,8 +181,8 @@ pub struct GroupFigures {
     pub average_precision: Vec<Interval>,
 }
 
-/// The figures of each group of `dimension`; `rankings` are those of [`Dimension::rankings`] at each intersection over union, the last
-/// of which is taken at `threshold`.
+/// The figures of each group of `dimension`; `rankings` are those of [`Dimension::rankings`] at each intersection over
+/// union, the last of which is taken at `threshold`.
 pub fn figures(
     dimension: &Dimension,
     rankings: &[Vec<Ranking>],

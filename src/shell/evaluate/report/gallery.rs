@@ -119,8 +119,8 @@ fn worst(mut all: Vec<(f64, Mistake)>) -> Vec<Mistake> {
     kept
 }
 
-/// Cuts the pictures out of the clips, which are read once more up to the last frame needed; strips whose frame is behind the last one
-/// go. None after Ctrl-C.
+/// Cuts the pictures out of the clips, which are read once more up to the last frame needed; strips whose frame is behind
+/// the last one go. None after Ctrl-C.
 ///
 /// # Errors
 /// Those of the sources.

@@ -65,7 +65,8 @@ impl MethodDetections {
     /// Reads CLIP.txt of every clip; a clip without a file has no detections.
     ///
     /// # Errors
-    /// [`Error::Read`](crate::shell::support::file_error::FileError::Read) when the folder is missing or holds nothing for these clips, [`Error::Text`] naming file and line.
+    /// [`Error::Read`](crate::shell::support::file_error::FileError::Read) when the folder is missing or holds nothing for
+    /// these clips, [`Error::Text`] naming file and line.
     pub fn read(external: &External, clips: &[Clip]) -> Result<Self, Error> {
         let folder = &external.folder;
         readable(folder)?;

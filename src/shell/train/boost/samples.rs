@@ -188,7 +188,8 @@ fn push_column(
     Ok(())
 }
 
-/// At most `max` (of [`MAX_EDGES`]) edges between distinct values, as near to evenly spaced quantiles as they go; sorts `values`.
+/// At most `max` (of [`MAX_EDGES`]) edges between distinct values, as near to evenly spaced quantiles as they go; sorts
+/// `values`.
 pub fn edges(values: &mut [u16], max: usize) -> Vec<u16> {
     values.sort_unstable();
     let max = max.min(MAX_EDGES);

@@ -1,8 +1,9 @@
 //! Objects of other clips pasted into recorded flights.
 //!
-//! A recorded flight shows one or two objects, always against the same background: trees can overfit to the pair. Objects cut out of a plain sky and drawn into the flight on courses of their own break these pairs
-//! (Dwibedi, Misra and Hebert, "Cut, Paste and Learn", ICCV 2017). They move before the world, not the frame: by the
-//! camera's attitude where it is known, else by the background's measured motion ([`Anchor`]).
+//! A recorded flight shows one or two objects, always against the same background: trees can overfit to the pair. Objects
+//! cut out of a plain sky and drawn into the flight on courses of their own break these pairs (Dwibedi, Misra and Hebert,
+//! "Cut, Paste and Learn", ICCV 2017). They move before the world, not the frame: by the camera's attitude where it is
+//! known, else by the background's measured motion ([`Anchor`]).
 
 mod anchor;
 mod course;
