@@ -13,7 +13,7 @@ use crate::image::{Image, Rect};
 use crate::math::fixed::exp2_q16;
 use crate::stcube::cube::{Patch, SCALARS, Scalar};
 use crate::stcube::feature::{Feature, Features};
-use crate::stcube::spans::Ready;
+use crate::stcube::spans::{Ready, Values};
 use crate::trees::Forest;
 use fixed::types::I28F4;
 
@@ -71,8 +71,8 @@ impl StretchedWindow {
     }
 
     /// The same, to be asked of many features.
-    fn ready(&self) -> Ready<'_> {
-        Ready::of_newest(&self.slice, &self.newest, &self.scalars)
+    fn ready<'a>(&'a self, features: &'a Features<'a>, values: &'a mut Values) -> Ready<'a> {
+        Ready::of_newest(&self.slice, &self.newest, &self.scalars, features, values)
     }
 }
 
@@ -94,12 +94,12 @@ impl Fit<'_> {
     // Not inlined: the window is to be on the stack only where boxes are refined.
     #[inline(never)]
     pub fn fit(&self, rect: Rect, pyramid: &Pyramid<'_>) -> Rect {
-        let mut window = StretchedWindow::EMPTY;
+        let (mut window, mut values) = (StretchedWindow::EMPTY, Values::empty());
         let mut end = rect;
         for _ in 0..MOVES {
             let from = cut(pyramid, &end, &mut window);
-            let ready = &window.ready();
-            let test = |feature, threshold| ready.exceeds(&self.features, feature, threshold);
+            let ready = &window.ready(&self.features, &mut values);
+            let test = |feature, threshold| ready.exceeds(feature, threshold);
             end = moved(&from, self.sides.each_ref().map(|forest| forest.score(test)));
         }
         mixed(&rect, &end)

@@ -57,7 +57,9 @@ pub struct Workspace {
 
 impl Workspace {
     /// A workspace that no cube was cut into yet.
-    pub const EMPTY: Self = Self { cube: Cube::EMPTY, spans: Spans::EMPTY };
+    pub const fn empty() -> Self {
+        Self { cube: Cube::EMPTY, spans: Spans::empty() }
+    }
 }
 
 /// The classifier of st-cubes on the newest frame.
@@ -81,8 +83,8 @@ impl CubeClassifier<'_> {
     pub fn classify(&self, candidate: &Candidate, workspace: &mut Workspace) -> Option<Scored> {
         let Workspace { cube, spans } = workspace;
         let path = self.cut(candidate, window(candidate), cube);
-        let cube = &spans.ready(cube);
-        let test = |feature, threshold| self.test(feature, threshold, cube);
+        let cube = &spans.ready(cube, self.model.features());
+        let test = |feature, threshold| cube.exceeds(feature, threshold);
         let score =
             if self.method.stcube { self.model.cube().cascade(test)? } else { candidate.score };
         let detection = self.detection(candidate, &path, cube, score);
@@ -163,17 +165,11 @@ impl CubeClassifier<'_> {
         let candidate = Candidate { level: level as u8, ..*candidate };
         let Workspace { cube, spans } = workspace;
         let path = self.cut(&candidate, at, cube);
-        let cube = &spans.ready(cube);
-        let test = |feature, threshold| self.test(feature, threshold, cube);
+        let cube = &spans.ready(cube, self.model.features());
+        let test = |feature, threshold| cube.exceeds(feature, threshold);
         let score =
             if self.method.stcube { self.model.cube().score(test) } else { candidate.score };
         self.detection(&candidate, &path, cube, score)
-    }
-
-    /// Whether a feature of a cube is above a threshold.
-    #[inline]
-    fn test(&self, feature: u16, threshold: u16, cube: &Ready<'_>) -> bool {
-        cube.exceeds(self.model.features(), feature, threshold)
     }
 
     /// Cuts the cube of a candidate from the window at `start` of its level: slices aligned by [`Method::alignment`], and the
@@ -210,7 +206,7 @@ impl CubeClassifier<'_> {
         score: i32,
     ) -> Detection {
         let level = self.channels.pyramid.geometry().level(usize::from(candidate.level));
-        let test = |feature, threshold| self.test(feature, threshold, cube);
+        let test = |feature, threshold| cube.exceeds(feature, threshold);
         let [x, y, width, height] = self.model.boxes().each_ref().map(|forest| forest.score(test));
         // Q8 cells to Q8 pixels of the frame. A centre farther than a window away is none of this window's.
         let pixels = |cells: i32| {

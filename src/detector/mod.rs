@@ -269,11 +269,11 @@ fn decide(
         let _ = detections.proposals.push(level.nominal_box(window(candidate)));
     }
     let parallel = config.parallel && threads::several();
-    let mut workspace = Workspace::EMPTY;
+    let mut workspace = Workspace::empty();
     if parallel {
         let mut scored = [None; MAX_CANDIDATES];
         threads::pieces(&mut scored[..candidates.len()], PIECE, true, |number, scored| {
-            let mut workspace = Workspace::EMPTY;
+            let mut workspace = Workspace::empty();
             for (scored, candidate) in scored.iter_mut().zip(&candidates[number * PIECE..]) {
                 *scored = classifier.classify(candidate, &mut workspace);
             }
@@ -295,7 +295,7 @@ fn decide(
     let best = found.get_mut(..refined).unwrap_or_default();
     if parallel {
         threads::pieces(best, 1, true, |_, scored| {
-            let mut workspace = Workspace::EMPTY;
+            let mut workspace = Workspace::empty();
             scored.iter_mut().for_each(|scored| classifier.refine(scored, &mut workspace));
         });
     } else {

@@ -85,7 +85,12 @@ impl Feature {
 
     /// Numerator and denominator: at most 2^21 each, the denominator at least 1.
     #[inline]
-    fn ratio(&self, slices: &[Patch], newest: &Patch, scalars: &[u16; SCALARS]) -> (u32, u32) {
+    pub(super) fn ratio(
+        &self,
+        slices: &[Patch],
+        newest: &Patch,
+        scalars: &[u16; SCALARS],
+    ) -> (u32, u32) {
         let channel = usize::from(self.channel);
         if self.denominator == Denominator::Scalar {
             return (u32::from(scalars[channel]), 1 << RATIO_BITS);

@@ -1,11 +1,14 @@
-//! Sums over runs of a cube's slices: a box of a feature then takes four values, whatever slices it spans.
+//! Sums over runs of a cube's slices: a box of a feature then takes four values, whatever slices it spans. And values of
+//! features that were asked for: thousands of trees ask for the same few thousand features.
 //!
-//! Without the feature `simd` no slices are summed up: small boards have one slice, and no memory for more.
+//! Without the feature `simd` no slices are summed up and no values are kept: small boards have one slice, and no memory
+//! for more.
 
 use crate::channels::window::SLICES;
 use crate::channels::{CHANNELS, MAGNITUDE};
 use crate::stcube::cube::{Corners, Cube, NOTHING, Patch, Region, SCALARS};
-use crate::stcube::feature::{Denominator, Feature, Features};
+use crate::stcube::feature::{Denominator, Feature, Features, RATIO_BITS};
+use core::cell::Cell;
 
 /// Runs of more than one slice.
 const RUNS: usize = SLICES * (SLICES - 1) / 2;
@@ -41,15 +44,42 @@ const NEWEST: usize = SLICES + SUMMED;
 /// Room for the tables: a power of two, so that looking one up needs no check.
 const ROOM: usize = (NEWEST + 1).next_power_of_two();
 
-/// Memory for the sums of a cube.
+/// Features whose values are kept, those of the lowest numbers: all that a trained model has.
+const KEPT: usize = if cfg!(feature = "simd") { 4096 } else { 0 };
+
+/// No value: values are below 2^16.
+const UNKNOWN: u32 = u32::MAX;
+
+/// Memory for values of features.
+#[derive(Debug)]
+pub struct Values([Cell<u32>; KEPT]);
+
+impl Values {
+    /// None is known.
+    pub const fn empty() -> Self {
+        Self([const { Cell::new(UNKNOWN) }; KEPT])
+    }
+
+    /// Forgets all.
+    fn cleared(&mut self) -> &[Cell<u32>] {
+        self.0.fill(Cell::new(UNKNOWN));
+        &self.0
+    }
+}
+
+/// Memory for the sums of a cube, and for values of its features.
 #[derive(Debug)]
 pub struct Spans {
     sums: [Corners; SUMMED],
+    values: Values,
 }
 
-/// A cube of which many features are asked.
+/// A cube of which many features of one table are asked.
 #[derive(Debug)]
 pub struct Ready<'a> {
+    features: &'a Features<'a>,
+    /// Values of the first features, or [`UNKNOWN`].
+    values: &'a [Cell<u32>],
     slices: &'a [Patch],
     newest: &'a Patch,
     scalars: &'a [u16; SCALARS],
@@ -61,10 +91,12 @@ pub struct Ready<'a> {
 
 impl Spans {
     /// Sums of no cube.
-    pub const EMPTY: Self = Self { sums: [NOTHING; SUMMED] };
+    pub const fn empty() -> Self {
+        Self { sums: [NOTHING; SUMMED], values: Values::empty() }
+    }
 
-    /// Computes the sums of `cube`.
-    pub fn ready<'a>(&'a mut self, cube: &'a Cube) -> Ready<'a> {
+    /// Computes the sums of `cube`, of which `features` will be asked.
+    pub fn ready<'a>(&'a mut self, cube: &'a Cube, features: &'a Features<'a>) -> Ready<'a> {
         #[cfg(feature = "simd")]
         {
             // In the order of [`ENDS`]; the longer runs are shorter ones and a slice.
@@ -89,7 +121,8 @@ impl Spans {
             *sums = whole(table);
         }
         let Cube { slices, newest, scalars } = cube;
-        Ready { slices, newest, scalars, tables, whole: sums }
+        let values = self.values.cleared();
+        Ready { features, values, slices, newest, scalars, tables, whole: sums }
     }
 }
 
@@ -111,28 +144,66 @@ fn add(first: &Corners, second: &Corners, sum: &mut Corners) {
 impl<'a> Ready<'a> {
     /// The newest slice, what the newest frame alone has, and scalars. Features of older slices are not there: they may
     /// panic.
-    pub fn of_newest(slice: &'a Patch, newest: &'a Patch, scalars: &'a [u16; SCALARS]) -> Self {
+    pub fn of_newest(
+        slice: &'a Patch,
+        newest: &'a Patch,
+        scalars: &'a [u16; SCALARS],
+        features: &'a Features<'a>,
+        values: &'a mut Values,
+    ) -> Self {
         let (mut tables, mut sums) = ([&newest.corners; ROOM], [[0; CHANNELS]; ROOM]);
         tables[0] = &slice.corners;
         (sums[0], sums[NEWEST]) = (whole(&slice.corners), whole(&newest.corners));
-        Self { slices: core::slice::from_ref(slice), newest, scalars, tables, whole: sums }
+        let slices = core::slice::from_ref(slice);
+        Self { features, values: values.cleared(), slices, newest, scalars, tables, whole: sums }
     }
 
-    /// Whether feature `number` of the cube exceeds `threshold`.
-    #[inline]
-    pub fn exceeds(&self, features: &Features<'_>, number: u16, threshold: u16) -> bool {
-        self.feature_exceeds(&features.get(number), threshold)
+    /// Whether feature `number` of the cube exceeds `threshold`. Panics if there is no such feature.
+    #[inline(always)]
+    pub fn exceeds(&self, number: u16, threshold: u16) -> bool {
+        let Some(kept) = self.values.get(usize::from(number)) else {
+            return self.feature_exceeds(&self.features.get(number), threshold);
+        };
+        let mut value = kept.get();
+        if value == UNKNOWN {
+            value = self.value(number);
+            kept.set(value);
+        }
+        value > u32::from(threshold)
+    }
+
+    /// [`Feature::value`] of the cube. Not inlined: most values are known, and the loop over trees stays short.
+    #[inline(never)]
+    fn value(&self, number: u16) -> u32 {
+        let feature = &self.features.get(number);
+        if feature.denominator == Denominator::Scalar {
+            return self.scalar(feature).into();
+        }
+        let (numerator, denominator) = self.ratio(feature);
+        ((numerator << RATIO_BITS) / denominator.max(1)).min(u32::from(u16::MAX))
     }
 
     /// [`Feature::exceeds`] of the cube. A call of its own would be a fifth of its instructions.
     #[inline(always)]
     fn feature_exceeds(&self, feature: &Feature, threshold: u16) -> bool {
-        let channel = usize::from(feature.channel);
         if feature.denominator == Denominator::Scalar {
-            return self.scalars[channel % SCALARS] > threshold;
+            return self.scalar(feature) > threshold;
         }
+        Feature::ratio_exceeds(self.ratio(feature), threshold)
+    }
+
+    /// The scalar that a feature is.
+    #[inline(always)]
+    fn scalar(&self, feature: &Feature) -> u16 {
+        self.scalars[usize::from(feature.channel) % SCALARS]
+    }
+
+    /// Numerator and denominator of a feature that is no scalar.
+    #[inline(always)]
+    fn ratio(&self, feature: &Feature) -> (u32, u32) {
+        let channel = usize::from(feature.channel);
         if SUMMED < RUNS && feature.t.1.wrapping_sub(feature.t.0) != 1 {
-            return feature.exceeds(self.slices, self.newest, self.scalars, threshold);
+            return feature.ratio(self.slices, self.newest, self.scalars);
         }
         let run = usize::from(feature.t.0 << 3 | feature.t.1);
         let own = usize::from(TABLES[run % 64]) % ROOM;
@@ -147,7 +218,7 @@ impl<'a> Ready<'a> {
             Denominator::SameChannel => over(self.whole[from][channel % CHANNELS]),
             Denominator::Cells | Denominator::Scalar => feature.cells() * count,
         };
-        Feature::ratio_exceeds((numerator, denominator), threshold)
+        (numerator, denominator)
     }
 }
 
@@ -157,6 +228,7 @@ mod tests {
     use crate::channels::Square;
     use crate::stcube::feature::ENCODED;
     use proptest::prelude::*;
+    use std::vec::Vec;
 
     proptest! {
         #[test]
@@ -175,20 +247,29 @@ mod tests {
                 patch.fill(&fill(k));
             }
             cube.scalars = scalars;
-            let mut spans = Spans::EMPTY;
-            let ready = spans.ready(&cube);
-            for bytes in bytes {
-                let [kind, channel, x0, x1, y0, y1, t0, t1] = bytes;
-                let encoded: [u8; ENCODED] = [kind % 5, channel + (x0 % 2) * 5, x0, x1, y0, y1, t0 % 4, t1 % 5];
-                let Some(feature) = Feature::decode(&encoded) else { continue };
+            let encoded: Vec<[u8; ENCODED]> = bytes
+                .into_iter()
+                .map(|[kind, channel, x0, x1, y0, y1, t0, t1]| {
+                    [kind % 5, channel + (x0 % 2) * 5, x0, x1, y0, y1, t0 % 4, t1 % 5]
+                })
+                .filter(|encoded| Feature::decode(encoded).is_some())
+                .collect();
+            let features = Features::parse(encoded.as_flattened()).unwrap();
+            let (mut spans, mut values) = (Spans::empty(), Values::empty());
+            let ready = spans.ready(&cube, &features);
+            let (slice, scalars) = (&cube.slices[0], &cube.scalars);
+            let newest = Ready::of_newest(slice, &cube.newest, scalars, &features, &mut values);
+            for number in 0..features.len() as u16 {
+                let feature = features.get(number);
                 let value = feature.value(&cube.slices, &cube.newest, &cube.scalars);
                 let around = [value.saturating_sub(1), value, value.saturating_add(1), 0, u16::MAX];
                 for threshold in thresholds.iter().copied().chain(around) {
                     let want = feature.exceeds(&cube.slices, &cube.newest, &cube.scalars, threshold);
+                    // The value is computed at the first question and kept for the others.
+                    prop_assert_eq!(ready.exceeds(number, threshold), want, "{:?} {}", feature, threshold);
                     prop_assert_eq!(ready.feature_exceeds(&feature, threshold), want, "{:?} {}", feature, threshold);
                     if feature.t == (0, 1) {
-                        let newest = Ready::of_newest(&cube.slices[0], &cube.newest, &cube.scalars);
-                        prop_assert_eq!(newest.feature_exceeds(&feature, threshold), want, "{:?} {}", feature, threshold);
+                        prop_assert_eq!(newest.exceeds(number, threshold), want, "{:?} {}", feature, threshold);
                     }
                 }
             }
