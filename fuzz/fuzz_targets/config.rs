@@ -8,6 +8,10 @@ use std::path::Path;
 fuzz_target!(|text: &str| {
     let path = Path::new("lookout.toml");
     let Ok(config) = ServiceConfig::parse(path, text) else { return };
+    // The only value that is not printed.
+    if config.preview_token.is_some() {
+        return;
+    }
     let printed = config::print(Some(&config));
     let again =
         ServiceConfig::parse(path, &printed).unwrap_or_else(|error| panic!("{error}\n{printed}"));

@@ -8,7 +8,13 @@ use std::path::Path;
 fuzz_target!(|data: &[u8]| {
     let mut reader = Reader::new(data, Path::new("log"));
     let mut read = 0;
-    while let Ok(Some(record)) = reader.next_record() {
+    loop {
+        let record = match reader.next_record() {
+            Ok(Some(record)) => record,
+            Ok(None) => break,
+            // No log, or one of another kind of times, as its error says.
+            Err(_) => return,
+        };
         let _ = record.message();
         let mut again = Vec::new();
         tlog::write(&mut again, record.time_us, &record.frame).expect("memory takes it");

@@ -3,12 +3,22 @@
 use std::fs;
 use std::path::PathBuf;
 
+/// A place of this process among temporary files; `fuzz/run` has those in memory.
+fn place(name: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("lookout-fuzz-{}-{name}", std::process::id()))
+}
+
 /// A file of this process that holds `data`, for readers that take a path.
 pub fn file(name: &str, data: &[u8]) -> PathBuf {
-    let memory = PathBuf::from("/dev/shm");
-    let folder = if memory.is_dir() { memory } else { std::env::temp_dir() };
-    let path = folder.join(format!("lookout-fuzz-{}-{name}", std::process::id()));
+    let path = place(name);
     fs::write(&path, data).expect("a file can be written");
+    path
+}
+
+/// A folder of this process, for readers that take one.
+pub fn folder(name: &str) -> PathBuf {
+    let path = place(name);
+    fs::create_dir_all(&path).expect("a folder can be made");
     path
 }
 

@@ -1,9 +1,32 @@
 //! Parsers that are private elsewhere, for the targets in `fuzz/`; no part of the interface.
 
+use super::link::transport;
 use super::preview::http::RequestLine;
 use super::sources::v4l2::mjpeg::MjpegDecoder;
+use mavlink_core::MAVLinkMessageRaw;
 use std::vec;
 use std::vec::Vec;
+
+/// What one peer of a link sends.
+#[derive(Debug, Default)]
+pub struct LinkBytes(transport::PeerDecoder);
+
+impl LinkBytes {
+    /// The frames that are complete with `bytes`.
+    pub fn receive(&mut self, bytes: &[u8]) -> Vec<MAVLinkMessageRaw> {
+        let mut frames = Vec::new();
+        self.0.decode(bytes, &mut |frame| {
+            frames.push(frame);
+            true
+        });
+        frames
+    }
+
+    /// Bytes that were not looked at.
+    pub fn kept(&self) -> usize {
+        self.0.waiting()
+    }
+}
 
 /// Length of the request at the start of `bytes`; `None` where there is none.
 pub fn http_request(bytes: &[u8]) -> Option<usize> {

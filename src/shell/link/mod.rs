@@ -9,7 +9,7 @@ pub mod params;
 mod queue;
 pub mod signing;
 pub mod spec;
-mod transport;
+pub(in crate::shell) mod transport;
 mod worker;
 
 pub use spec::LinkSpec;

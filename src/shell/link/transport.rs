@@ -51,7 +51,7 @@ impl Read for Received {
 }
 
 /// Finds the frames in what one peer sends.
-struct PeerDecoder {
+pub struct PeerDecoder {
     reader: MavlinkReader<Received>,
     /// When the last frame came that was accepted.
     heard: Option<Instant>,
@@ -72,13 +72,18 @@ impl Default for PeerDecoder {
 
 impl PeerDecoder {
     /// Hands the frames that are complete with `bytes` to `accept`.
-    fn decode(&mut self, bytes: &[u8], accept: &mut Accept) {
+    pub fn decode(&mut self, bytes: &[u8], accept: &mut Accept) {
         self.reader.get_mut().0.extend(bytes);
         while let Ok(frame) = self.reader.read_any_raw_message_with_dialect(&ArduPilotFrames) {
             if accept(frame) {
                 self.heard = Some(Instant::now());
             }
         }
+    }
+
+    /// Bytes that were received and not looked at; those of a frame that is not complete are not among them.
+    pub fn waiting(&self) -> usize {
+        self.reader.get_ref().0.len()
     }
 
     fn is_heard(&self) -> bool {
@@ -240,7 +245,7 @@ impl Transport {
             Medium::Serial(port, decoder) => (port.read(buffer).and_then(not_the_end), decoder),
         };
         match read {
-            Ok(read) => decoder.decode(&buffer[..read], accept),
+            Ok(read) => decoder.decode(buffer.get(..read).unwrap_or_default(), accept),
             Err(error) if is_idle(&error) => return Ok(false),
             Err(error) => return Err(error),
         }
@@ -261,8 +266,9 @@ fn sender(senders: &mut Vec<UdpPeer>, address: SocketAddr) -> Option<&mut UdpPee
         Some(place) => place,
         None => {
             if senders.len() >= SENDERS {
-                let unheard = (0..senders.len()).filter(|&i| !senders[i].decoder.is_heard());
-                senders.swap_remove(unheard.min_by_key(|&i| senders[i].last)?);
+                let unheard = senders.iter().enumerate().filter(|(_, s)| !s.decoder.is_heard());
+                let oldest = unheard.min_by_key(|(_, sender)| sender.last)?.0;
+                senders.swap_remove(oldest);
             }
             senders.push(UdpPeer { address, decoder: PeerDecoder::default(), last: now });
             senders.len() - 1
@@ -301,7 +307,7 @@ fn call(
     callers.retain_mut(|caller| match caller.stream.read(buffer).and_then(not_the_end) {
         Ok(read) => {
             any = true;
-            caller.decoder.decode(&buffer[..read], accept);
+            caller.decoder.decode(buffer.get(..read).unwrap_or_default(), accept);
             true
         }
         Err(error) => is_idle(&error),
@@ -318,7 +324,7 @@ fn write_slowly(port: &mut Box<dyn SerialPort>, mut bytes: &[u8]) -> io::Result<
     while !bytes.is_empty() {
         match port.write(bytes) {
             Ok(0) => return Err(ErrorKind::WriteZero.into()),
-            Ok(written) => bytes = &bytes[written..],
+            Ok(written) => bytes = bytes.get(written..).unwrap_or_default(),
             Err(error) if is_idle(&error) && start.elapsed() < WRITE => {}
             Err(error) => return Err(error),
         }
