@@ -256,6 +256,7 @@ fn newest(grey: &WindowPixels, [far, near, plain]: [&WindowPixels; 3]) -> Square
 
 /// Cuts the window that is stretched to `rect` (pixels of the frame) out of the newest frame. Returns the box that it is
 /// stretched to, which differs from `rect` where that is too narrow or too flat.
+#[allow(clippy::expect_used, reason = "a picture has as many pixels")]
 pub fn cut(pyramid: &Pyramid<'_>, rect: &Rect, window: &mut StretchedWindow) -> Rect {
     let rect = bounded(rect);
     let shorter = rect.width.min(rect.height).to_bits();

@@ -58,6 +58,9 @@
     not(test),
     deny(clippy::cast_possible_truncation, clippy::cast_possible_wrap, clippy::cast_sign_loss,)
 )]
+// Bad input is an error, not a panic. Where a panic is right, its reason stands there. Indices: `shell/mod.rs`; on boards
+// every place that may panic is listed with its reason (`boards/*/panics.txt`).
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
 #[cfg(any(test, feature = "simd"))]
 extern crate std;

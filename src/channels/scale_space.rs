@@ -257,6 +257,7 @@ impl Plane {
 }
 
 /// A picture in a part of the memory. Panics if it has fewer bytes.
+#[allow(clippy::expect_used, reason = "the memory was divided for these pictures")]
 pub(super) fn packed(pixels: &[u8], (width, height): (usize, usize)) -> Image<'_> {
     Image::packed(pixels, width, height).expect("the memory was divided for these pictures")
 }

@@ -240,6 +240,11 @@ impl Lookout {
         self.component.notify(notice);
     }
 
+    /// The lookout ends: see [`Component::end`].
+    pub fn end(&mut self) {
+        self.component.end();
+    }
+
     /// The attitude of the vehicle at `time_us`, where it is known.
     pub fn attitude(&self, time_us: i64) -> Option<Attitude> {
         self.attitudes.at(time_us)

@@ -88,6 +88,7 @@ impl Surroundings {
     }
 }
 
+#[allow(clippy::expect_used, reason = "the pixels are those of the level")]
 fn picture(pixels: &[u8], level: usize) -> Image<'_> {
     Image::packed(pixels, SIDE >> level, SIDE >> level).expect("the pixels are those of the level")
 }

@@ -154,6 +154,7 @@ pub struct Component {
     rate: I16F16,
 
     state: LookoutState,
+    ending: bool,
     /// When the lookout began to see, or not to see for the present reason.
     sight_us: i64,
     /// The state of the last text about it, and when the last text said that nothing is seen.
@@ -198,6 +199,7 @@ impl Component {
             counted: (0, now_us),
             rate: I16F16::ZERO,
             state: LookoutState::Starting,
+            ending: false,
             sight_us: now_us,
             sight_announced: (LookoutState::Starting, None),
             alerts: Alerts::default(),
@@ -351,6 +353,11 @@ impl Component {
     pub fn notify(&mut self, notice: messages::text::Notice) {
         let data = notice.data();
         self.say(Destination::All, self.config.component_id, Priority::Urgent, &data);
+    }
+
+    /// The lookout ends: the next messages are a heartbeat and a text of that.
+    pub fn end(&mut self) {
+        self.ending = true;
     }
 
     /// The next message to send, answers last. Call it about every 20 ms until it returns `None`.

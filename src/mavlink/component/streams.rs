@@ -279,6 +279,7 @@ impl Component {
     /// was served is there.
     pub(super) fn update_state(&mut self, now_us: i64) {
         let state = match self.observed_us {
+            _ if self.ending => status::LookoutState::Ending,
             None => status::LookoutState::Starting,
             Some(last) if now_us.saturating_sub(last) > self.stall_us() => {
                 status::LookoutState::Stalled
@@ -310,7 +311,9 @@ impl Component {
         let lasted =
             now_us.saturating_sub(self.sight_us) >= if good { 3_000_000 } else { 1_000_000 };
         let quiet = good || bad_us.is_none_or(|last| now_us.saturating_sub(last) >= 10_000_000);
-        if state == announced || !lasted || !quiet || !self.parameters.is_on(Parameter::Text) {
+        // There is no later.
+        let due = self.ending || (lasted && quiet);
+        if state == announced || !due || !self.parameters.is_on(Parameter::Text) {
             return;
         }
         let words = text::sight(state);

@@ -46,10 +46,12 @@ pub enum LookoutState {
     Slow,
     /// Frames show something, but the autopilot that was served is gone: nothing has a place on the map.
     NoAutopilot,
+    /// The lookout ends.
+    Ending,
 }
 
 impl LookoutState {
-    /// As system_status of HEARTBEAT: BOOT, ACTIVE, CRITICAL. ACTIVE only while frames are really finished and something
+    /// As system_status of HEARTBEAT: BOOT, ACTIVE, CRITICAL, POWEROFF. ACTIVE only while frames are really finished and something
     /// could be seen in them.
     pub fn status(self) -> MavState {
         match self {
@@ -58,6 +60,7 @@ impl LookoutState {
             Self::Blind(_) | Self::Stalled | Self::Slow | Self::NoAutopilot => {
                 MavState::MAV_STATE_CRITICAL
             }
+            Self::Ending => MavState::MAV_STATE_POWEROFF,
         }
     }
 }
@@ -265,6 +268,7 @@ mod tests {
             LookoutState::Slow,
             LookoutState::NoAutopilot,
             LookoutState::Blind(Blind::DARK),
+            LookoutState::Ending,
         ];
         for state in others {
             assert_ne!(heartbeat(state).system_status as u8, 4);

@@ -82,7 +82,7 @@ impl core::fmt::Display for ObjectPosition<'_> {
     }
 }
 
-/// The text that the lookout sees nothing, or sees again.
+/// The text that the lookout sees nothing, sees again, or ends.
 pub fn sight(state: LookoutState) -> STATUSTEXT_DATA {
     let blind = match state {
         LookoutState::Blind(reasons) => reasons,
@@ -92,6 +92,8 @@ pub fn sight(state: LookoutState) -> STATUSTEXT_DATA {
         (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: no pictures, traffic is not watched")
     } else if state == LookoutState::Slow {
         (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: too slow, traffic is not watched")
+    } else if state == LookoutState::Ending {
+        (MavSeverity::MAV_SEVERITY_WARNING, "Lookout: ended, traffic is not watched")
     } else if blind.has(Blind::COVERED) {
         (MavSeverity::MAV_SEVERITY_ERROR, "Lookout: picture frozen, traffic is not watched")
     } else if blind.has(Blind::DARK) {

@@ -59,6 +59,7 @@ impl BenchArgs {
 ///
 /// # Errors
 /// [`Error`].
+#[allow(clippy::expect_used, reason = "numbers and names always make JSON")]
 pub fn run(args: &BenchArgs) -> Result<Ended, Error> {
     // Read first: a mistake in the name is not to cost the time of a measurement.
     let other = args.compare.as_deref().map(read).transpose()?;

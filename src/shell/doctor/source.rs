@@ -196,6 +196,7 @@ impl Watched {
 }
 
 /// The picture in characters, for who has no screen but a terminal: one for the mean of a block twice as high as wide.
+#[allow(clippy::indexing_slicing, reason = "blocks of a frame whose size was checked")]
 fn in_characters(frame: &Frame) -> Vec<String> {
     let columns = COLUMNS.min(frame.width);
     let rows = (frame.height * columns / frame.width / 2).clamp(1, frame.height);

@@ -68,6 +68,7 @@ struct DetectionRow {
 ///
 /// # Errors
 /// [`Error::Write`](crate::shell::support::file_error::FileError::Write).
+#[allow(clippy::expect_used, reason = "numbers and names make JSON")]
 pub fn write(folder: &Path, clips: &[Clip], found: &[&[DetectionRecord]]) -> Result<(), Error> {
     let (truth, detections) = rows(clips, found);
     fs::create_dir_all(folder).map_err(Error::write(folder))?;

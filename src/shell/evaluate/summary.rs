@@ -211,6 +211,7 @@ impl EvaluationSummary {
     ///
     /// # Errors
     /// [`Error::Write`](crate::shell::support::file_error::FileError::Write).
+    #[allow(clippy::expect_used, reason = "numbers and names always make JSON")]
     pub fn print(&self, parts: SummaryInputs<'_>, json: bool) -> Result<(), Error> {
         if json {
             let text = serde_json::to_string(self).expect("numbers and names always make JSON");

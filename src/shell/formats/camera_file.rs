@@ -75,11 +75,9 @@ impl CameraArgs {
             [roll, pitch, yaw] => [*roll, *pitch, *yaw],
             other => return Err(bad(format!("--mounting has {} angles, expected 3", other.len()))),
         };
-        let mut angles = [Real::ZERO; 3];
-        for (angle, degrees) in angles.iter_mut().zip([roll, pitch, yaw]) {
-            *angle = number("mounting", degrees).map_err(bad)? * PI / 180;
-        }
-        let turn = Attitude::from_euler(angles[0], angles[1], angles[2]);
+        let angle =
+            |degrees| Ok::<_, FormatError>(number("mounting", degrees).map_err(bad)? * PI / 180);
+        let turn = Attitude::from_euler(angle(roll)?, angle(pitch)?, angle(yaw)?);
         Ok(camera.mounted(turn.compose(Attitude::FORWARD)))
     }
 }
@@ -149,8 +147,9 @@ impl CameraFile {
 pub fn read(path: &Path) -> Result<Camera, FormatError> {
     let text = bounded_file::read_text(path).map_err(FileError::read(path))?;
     let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-    let own =
-        json && serde_json::from_str::<serde_json::Value>(&text).is_ok_and(|v| v["fx"].is_number());
+    let own = json
+        && serde_json::from_str::<serde_json::Value>(&text)
+            .is_ok_and(|v| v.get("fx").is_some_and(|fx| fx.is_number()));
     let camera =
         if own { from_json(&text) } else { calibration::parse(&text).map_err(|e| e.to_string()) };
     camera.map_err(|reason| FormatError::Camera { path: path.into(), reason })

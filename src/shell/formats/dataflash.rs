@@ -45,7 +45,7 @@ fn array<const N: usize>(bytes: &[u8]) -> Option<[u8; N]> {
 fn number(kind: u8, bytes: &[u8]) -> Option<f64> {
     Some(match kind {
         b'b' => i8::from_le_bytes(array(bytes)?).into(),
-        b'B' | b'M' => array::<1>(bytes)?[0].into(),
+        b'B' | b'M' => (*bytes.first()?).into(),
         b'h' => i16::from_le_bytes(array(bytes)?).into(),
         b'H' => u16::from_le_bytes(array(bytes)?).into(),
         b'c' => f64::from(i16::from_le_bytes(array(bytes)?)) / 100.0,
@@ -63,8 +63,8 @@ fn number(kind: u8, bytes: &[u8]) -> Option<f64> {
 }
 
 fn text(bytes: &[u8]) -> String {
-    let end = bytes.iter().position(|&c| c == 0).unwrap_or(bytes.len());
-    String::from_utf8_lossy(&bytes[..end]).into_owned()
+    let text = bytes.split(|&c| c == 0).next().unwrap_or_default();
+    String::from_utf8_lossy(text).into_owned()
 }
 
 impl RecordLayout {
@@ -97,10 +97,9 @@ fn drop_wild_times(samples: &mut Vec<FlightSample>) {
     let mut at = 0..times.len();
     samples.retain(|_| {
         let Some(i) = at.next() else { return true };
-        let (Some(&before), Some(&after)) = (times.get(i.wrapping_sub(1)), times.get(i + 1)) else {
-            return true;
-        };
-        far(before, after) || !far(times[i], before)
+        let around = times.get(i.saturating_sub(1)..).and_then(|times| times.first_chunk());
+        let Some(&[before, time, after]) = around.filter(|_| i > 0) else { return true };
+        far(before, after) || !far(time, before)
     });
 }
 
@@ -113,31 +112,33 @@ pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<FlightSample>, FlightLogErr
     let mut samples = Vec::new();
     let mut velocity = [0.0; 3];
     let mut at = 0;
-    while let Some(rest) = bytes.get(at..).filter(|rest| rest.len() > HEAD) {
-        let length = match rest[2] {
+    while let Some((&[first, second, kind], rest)) =
+        bytes.get(at..).and_then(|rest| rest.split_first_chunk::<HEAD>())
+    {
+        let layout = layouts.get(&kind);
+        let length = match kind {
             FMT => Some(FMT_LENGTH),
-            kind => layouts.get(&kind).map(|layout: &RecordLayout| layout.length),
+            _ => layout.map(|layout: &RecordLayout| layout.length),
         };
         // Records have no checksum; one that the next does not follow at once is taken for damaged.
-        let followed = |length: usize| rest[length..].iter().zip(MAGIC).all(|(&a, b)| a == b);
-        let whole =
-            length.filter(|&length| rest[..2] == MAGIC && length <= rest.len() && followed(length));
-        let Some(length) = whole else {
+        let whole = length
+            .filter(|_| [first, second] == MAGIC)
+            .and_then(|length| rest.split_at_checked(length.saturating_sub(HEAD)))
+            .filter(|(_, next)| next.iter().zip(MAGIC).all(|(&a, b)| a == b));
+        let Some((fields, _)) = whole else {
             // Damaged, or of a type that was never declared: the next record is searched.
             at += 1;
             continue;
         };
-        let fields = &rest[HEAD..length];
-        at += length;
-        if rest[2] == FMT {
+        at += HEAD + fields.len();
+        if kind == FMT {
             layouts.extend(RecordLayout::parse(fields));
             continue;
         }
-        let layout = &layouts[&rest[2]];
+        let Some(layout) = layout else { continue };
         let get = |label: &str| layout.get(fields, label);
         let first_core = get("C").or(get("I")).unwrap_or(0.0) == 0.0;
-        let Some(time) = get("TimeUS") else { continue };
-        let time_us = time as i64;
+        let Some(time_us) = get("TimeUS").and_then(FlightSample::time) else { continue };
         match layout.name.as_str() {
             "ATT" => {
                 if let (Some(roll), Some(pitch), Some(yaw)) =
@@ -239,6 +240,20 @@ pub(super) mod tests {
     fn a_log_without_flight_is_named() {
         let error = read(Path::new("a.bin"), &fmt(1, "MSG", "QZ", "TimeUS,Message")).unwrap_err();
         assert!(format!("{error}").starts_with("a.bin: no ATT or POS"), "{error}");
+    }
+
+    /// A time that is none, as a double of any size.
+    #[test]
+    fn wild_times_are_left_out() {
+        let mut log = fmt(FMT, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns");
+        log.extend(fmt(1, "ATT", "dfff", "TimeUS,Roll,Pitch,Yaw"));
+        for time in [f64::MIN, f64::MAX, f64::NAN, -1.0, 1e16, 5e6] {
+            log.extend([MAGIC[0], MAGIC[1], 1]);
+            log.extend(time.to_le_bytes());
+            log.extend([0; 12]);
+        }
+        let samples = read(Path::new("a.bin"), &log).unwrap();
+        assert_eq!(samples.iter().map(FlightSample::time_us).collect::<Vec<_>>(), [5_000_000]);
     }
 
     proptest! {

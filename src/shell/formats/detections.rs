@@ -192,7 +192,8 @@ pub fn json_line(
             .collect(),
         tracks: tracks.map(traffic::lines),
     };
-    let mut text = serde_json::to_string(&line).expect("numbers and names always make JSON");
+    // Numbers and names always make JSON.
+    let mut text = serde_json::to_string(&line).unwrap_or_default();
     text.push('\n');
     text
 }

@@ -33,7 +33,8 @@ pub fn open(path: &Path) -> Result<Messages, FlightLogError> {
     let mut start = Vec::new();
     let mut file = File::open(path).map_err(failed)?;
     file.by_ref().take(ulog::MAGIC.len() as u64).read_to_end(&mut start).map_err(failed)?;
-    let read: fn(&Path, &[u8]) -> Result<Vec<FlightSample>, FlightLogError> = match &start[..] {
+    let read: fn(&Path, &[u8]) -> Result<Vec<FlightSample>, FlightLogError> = match start.as_slice()
+    {
         start if start.starts_with(&dataflash::MAGIC) => dataflash::read,
         start if *start == ulog::MAGIC => ulog::read,
         _ => {

@@ -51,7 +51,15 @@ pub enum FlightSample {
     },
 }
 
+/// Latest time of a log, microseconds: 285 years, up to which an f64 holds every whole number.
+const LATEST_US: f64 = (1u64 << 53) as f64;
+
 impl FlightSample {
+    /// A time as it stands in a log, in microseconds; none where it is no time.
+    pub fn time(us: f64) -> Option<i64> {
+        (0.0..LATEST_US).contains(&us).then_some(us as i64)
+    }
+
     /// From roll, pitch and yaw in radians, applied in the order yaw, pitch, roll.
     pub fn from_euler(time_us: i64, [roll, pitch, yaw]: [f64; 3]) -> Self {
         let ((sr, cr), (sp, cp), (sy, cy)) =
@@ -83,13 +91,14 @@ impl FlightSample {
                 Payload::new(&ATTITUDE_QUATERNION_DATA { time_boot_ms, q1, q2, q3, q4, ..rest })
             }
             Self::Position { time_us, place, velocity } => {
-                let [lat, lon] = [place[0], place[1]].map(|degrees| (degrees * 1e7).round() as i32);
+                let [lat, lon, alt] = place;
+                let [lat, lon] = [lat, lon].map(|degrees| (degrees * 1e7).round() as i32);
                 let [vx, vy, vz] = velocity.map(|v| (v * 100.0).round() as i16);
                 Payload::new(&GLOBAL_POSITION_INT_DATA {
                     time_boot_ms: boot_ms(time_us),
                     lat,
                     lon,
-                    alt: (place[2] * 1000.0).round() as i32,
+                    alt: (alt * 1000.0).round() as i32,
                     vx,
                     vy,
                     vz,

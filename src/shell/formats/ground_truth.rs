@@ -188,7 +188,9 @@ impl GroundTruth {
         if self.frames.len() < frame {
             self.frames.resize_with(frame, Vec::new);
         }
-        self.frames[frame - 1].push(truth);
+        if let Some(boxes) = frame.checked_sub(1).and_then(|place| self.frames.get_mut(place)) {
+            boxes.push(truth);
+        }
     }
 
     /// Leaves out the rows behind the last frame of a video of `frames` frames, and counts them in the notes.
@@ -268,14 +270,15 @@ fn check_header(line: &str) -> Result<(), LineError> {
     let names: Vec<String> =
         line.split(',').map(|name| name.trim().trim_matches('"').to_ascii_lowercase()).collect();
     for (index, expected) in COLUMNS.iter().enumerate() {
+        let field = expected.first().copied().unwrap_or_default();
         match names.get(index) {
             Some(name) if expected.contains(&name.as_str()) => {}
             Some(name) => {
-                let (name, column, expected) = (name.to_owned(), index + 1, expected[0]);
+                let (name, column, expected) = (name.to_owned(), index + 1, field);
                 return Err(LineError::Header { name, column, expected });
             }
             // Six columns must be there.
-            None if index < 6 => return Err(LineError::Missing { field: expected[0] }),
+            None if index < 6 => return Err(LineError::Missing { field }),
             None => {}
         }
     }

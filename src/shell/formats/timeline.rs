@@ -60,7 +60,7 @@ where
     /// By how much the clock was set between the last message and one at `time_us`, microseconds.
     fn clock_step(&mut self, time_us: i64, frame: &MAVLinkMessageRaw) -> i64 {
         let Some(last_us) = self.last_us else { return 0 };
-        let step = time_us - last_us;
+        let step = time_us.saturating_sub(last_us);
         if (-REORDERED_US..=SILENCE_US).contains(&step) {
             return 0;
         }
@@ -84,8 +84,8 @@ where
         }
         match found {
             Some((at_us, ms)) if ms >= before_ms => {
-                let wrong = (at_us - before_us) - (ms - before_ms) * 1000;
-                if wrong.abs() > TOLERANCE_US { wrong } else { 0 }
+                let wrong = at_us.saturating_sub(before_us).saturating_sub((ms - before_ms) * 1000);
+                if wrong.saturating_abs() > TOLERANCE_US { wrong } else { 0 }
             }
             // Started anew: its clock says nothing of this step.
             _ => unexplained,
@@ -106,8 +106,8 @@ where
         };
         let wrong = self.clock_step(time_us, &frame);
         if wrong != 0 {
-            self.shift_us -= wrong;
-            self.steps += 1;
+            self.shift_us = self.shift_us.saturating_sub(wrong);
+            self.steps = self.steps.saturating_add(1);
             let seconds = wrong as f64 / 1e6;
             tracing::warn!(
                 "the log's clock was set by {seconds:+.1} s; times after that are shifted to follow on"
@@ -170,6 +170,14 @@ mod tests {
             let times = steady(&set_by(step, false));
             assert_eq!(times[..4], want[..4]);
             assert!(times.is_sorted() && times[11] == want[11] - 500_000, "{times:?}");
+        }
+    }
+
+    #[test]
+    fn times_of_any_size_are_no_overflow() {
+        let wild = [i64::MAX, i64::MIN, 0, i64::MAX, -1, i64::MIN, i64::MIN, START];
+        for ms in [None, Some(0), Some(u32::MAX)] {
+            assert_eq!(steady(&wild.map(|us| (us, ms))).len(), wild.len());
         }
     }
 

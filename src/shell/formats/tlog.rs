@@ -94,8 +94,7 @@ fn raw(bytes: &[u8]) -> Option<MAVLinkMessageRaw> {
 }
 
 fn copy(to: &mut [u8], from: &[u8]) {
-    let common = to.len().min(from.len());
-    to[..common].copy_from_slice(&from[..common]);
+    to.iter_mut().zip(from).for_each(|(to, from)| *to = *from);
 }
 
 /// Length of the frame at the start of `bytes`; `None` if there is none with a valid checksum.
@@ -283,7 +282,7 @@ impl<R: Read> Reader<R> {
             {
                 return Err(TlogError::Times { path: self.path.clone(), found });
             }
-            let rest = &self.buffer[self.start..];
+            let rest = self.buffer.get(self.start..).unwrap_or_default();
             if self.offset == 0 && self.messages == 0 {
                 self.bare = frame_len(rest).is_some();
             }
@@ -309,7 +308,7 @@ impl<R: Read> Reader<R> {
             let near = |last: u64| {
                 in_step
                     || time.abs_diff(last) <= TIME_STEP
-                    || next_time(&rest[record..])
+                    || next_time(rest.get(record..).unwrap_or_default())
                         .is_some_and(|next| next.abs_diff(time) <= NEXT_STEP)
             };
             if time >= TIME_END || !self.last_time.is_none_or(near) {
@@ -319,12 +318,10 @@ impl<R: Read> Reader<R> {
                 self.skipped += (TIME_SIZE + length) as u64;
                 continue;
             }
-            let frame = heapless::Vec::from_slice(&frame[..length]);
-            let record = Record {
-                time_us: time as i64,
-                offset: self.offset,
-                frame: frame.expect("no frame is longer than the longest"),
-            };
+            // No frame is longer than the longest.
+            let frame = frame.get(..length).unwrap_or_default();
+            let frame = heapless::Vec::from_slice(frame).unwrap_or_default();
+            let record = Record { time_us: time as i64, offset: self.offset, frame };
             self.advance(TIME_SIZE + length);
             self.last_time = Some(time);
             self.messages += 1;
@@ -344,7 +341,7 @@ impl<R: Read> Reader<R> {
             self.start = 0;
             let kept = self.buffer.len();
             self.buffer.resize(kept + BLOCK, 0);
-            let read = self.input.read(&mut self.buffer[kept..]);
+            let read = self.input.read(self.buffer.get_mut(kept..).unwrap_or_default());
             self.buffer.truncate(kept + *read.as_ref().unwrap_or(&0));
             match read {
                 Ok(0) => self.ended = true,

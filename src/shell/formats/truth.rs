@@ -74,9 +74,10 @@ pub fn read(path: &Path) -> Result<BTreeMap<u64, FrameTruth>, FormatError> {
 fn parse(line: &str) -> Result<(u64, [f64; 3], Option<TargetRow>), String> {
     let fields: Vec<&str> = line.split(',').map(str::trim).collect();
     let number = |i: usize| {
+        let name = COLUMNS.get(i).copied().unwrap_or_default();
         let text = fields.get(i).copied().unwrap_or_default();
         let value = text.parse::<f64>().ok().filter(|v| v.is_finite());
-        value.ok_or_else(|| format!("field '{}' is '{text}', expected a number", COLUMNS[i]))
+        value.ok_or_else(|| format!("field '{name}' is '{text}', expected a number"))
     };
     let frame = number(0)?;
     if !(1.0..=1e9).contains(&frame) {

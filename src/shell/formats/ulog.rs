@@ -17,6 +17,11 @@ const HEADER: usize = 16;
 const DEPTH: usize = 4;
 /// Most elements of an array that are listed.
 const ELEMENTS: usize = 64;
+/// Most fields that are looked at for one topic, those of formats within it counted each time; PX4's topics have at most
+/// some hundred. Without a bound formats within formats take hours.
+const FIELDS: usize = 4096;
+/// Longest data of a topic: the size of a message has 16 bits.
+const LONGEST: usize = 65_535;
 
 /// Fields of a format: name, type, place in bytes.
 type FormatFields = Vec<(String, String, usize)>;
@@ -32,18 +37,30 @@ fn size(kind: &str) -> Option<usize> {
     })
 }
 
-/// Bytes that a format takes; `None` where it, or one within it, is not declared.
-fn length(formats: &HashMap<String, String>, name: &str, depth: usize) -> Option<usize> {
+/// Bytes that a format takes; `None` where it, or one within it, is not declared, or it is longer than any message. Each
+/// field takes one of `left`.
+fn length(
+    formats: &HashMap<String, String>,
+    name: &str,
+    depth: usize,
+    left: &mut usize,
+) -> Option<usize> {
     if let Some(size) = size(name) {
         return Some(size);
     }
     let format = formats.get(name).filter(|_| depth < DEPTH)?;
-    let mut sum = 0usize;
+    let mut sum = 0;
     for field in format.split(';').filter(|field| !field.trim().is_empty()) {
+        *left = left.checked_sub(1)?;
         let (kind, count, _) = declaration(field)?;
-        sum = sum.checked_add(length(formats, kind, depth + 1)?.checked_mul(count)?)?;
+        sum = extended(sum, length(formats, kind, depth + 1, left)?, count)?;
     }
     Some(sum)
+}
+
+/// A length with `count` elements of `one` byte more, where that is not too long.
+fn extended(length: usize, one: usize, count: usize) -> Option<usize> {
+    one.checked_mul(count)?.checked_add(length).filter(|&length| length <= LONGEST)
 }
 
 /// `type[count] name`: type, count, name.
@@ -61,17 +78,20 @@ fn declaration(field: &str) -> Option<(&str, usize, &str)> {
 /// The fields of basic types; `q[2]` is the third element of q.
 fn fields(formats: &HashMap<String, String>, name: &str) -> Option<FormatFields> {
     let mut all = FormatFields::new();
-    let mut at = 0;
+    let (mut at, mut left) = (0, FIELDS);
     for field in formats.get(name)?.split(';').filter(|field| !field.trim().is_empty()) {
+        left = left.checked_sub(1)?;
         let (kind, count, name) = declaration(field)?;
-        let one = length(formats, kind, 0)?;
+        let one = length(formats, kind, 0, &mut left)?;
+        let end = extended(at, one, count)?;
         if size(kind).is_some() {
+            left = left.checked_sub(count.min(ELEMENTS))?;
             for i in 0..count.min(ELEMENTS) {
                 let name = if count == 1 { name.into() } else { std::format!("{name}[{i}]") };
                 all.push((name, kind.into(), at + i * one));
             }
         }
-        at += one * count;
+        at = end;
     }
     Some(all)
 }
@@ -141,13 +161,13 @@ pub fn read(path: &Path, bytes: &[u8]) -> Result<Vec<FlightSample>, FlightLogErr
                     let [a, b, c] = names.map(get);
                     Some([a?, b?, c?])
                 };
-                let Some(time) = get("timestamp") else { continue };
-                let time_us = time as i64;
+                let Some(time_us) = get("timestamp").and_then(FlightSample::time) else { continue };
                 match topic.name.as_str() {
                     "vehicle_attitude" => {
-                        if let (Some(w), Some(rest)) = (get("q[0]"), all(["q[1]", "q[2]", "q[3]"]))
+                        if let (Some(w), Some([x, y, z])) =
+                            (get("q[0]"), all(["q[1]", "q[2]", "q[3]"]))
                         {
-                            let quaternion = [w, rest[0], rest[1], rest[2]];
+                            let quaternion = [w, x, y, z];
                             samples.push(FlightSample::Attitude { time_us, quaternion });
                         }
                     }
@@ -231,6 +251,30 @@ pub(super) mod tests {
         assert_eq!(samples[0], FlightSample::Attitude { time_us: 5_000_000, quaternion });
         let (place, velocity) = ([47.3769, 8.5417, 512.5], [3.0, 4.0, -0.5]);
         assert_eq!(samples[1], FlightSample::Position { time_us: 5_000_000, place, velocity });
+    }
+
+    /// Formats of thousands of formats, four deep: seconds, where all combinations took hours.
+    #[test]
+    fn formats_within_formats_are_bounded() {
+        let many = |kind: &str| std::format!("{kind} x;").repeat(9_000);
+        let mut log = Vec::from(MAGIC);
+        log.resize(HEADER, 0);
+        for (name, within) in [("a", "b"), ("b", "c"), ("c", "d"), ("d", "e"), ("e", "bool")] {
+            log.extend(message(b'F', std::format!("{name}:{}", many(within)).as_bytes()));
+        }
+        // Longer than any message, and more elements than there is memory for.
+        let huge = "uint64_t timestamp;double[65536] x;";
+        log.extend(message(b'F', std::format!("huge:{huge}").as_bytes()));
+        for id in 0..2000u16 {
+            let [low, high] = id.to_le_bytes();
+            let name = if id % 2 == 0 { "a" } else { "huge" };
+            log.extend(message(b'A', &[&[0, low, high], name.as_bytes()].concat()));
+            log.extend(message(b'D', &[&[low, high][..], &[7; 40]].concat()));
+        }
+        let start = std::time::Instant::now();
+        let error = read(Path::new("a.ulg"), &log).unwrap_err();
+        assert!(matches!(error, FlightLogError::Nothing { .. }), "{error}");
+        assert!(start.elapsed().as_secs() < 20, "{:?}", start.elapsed());
     }
 
     proptest! {

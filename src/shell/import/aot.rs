@@ -95,7 +95,8 @@ fn sequence(
     for (entities, frame) in frames.values().zip(1..) {
         for entity in entities {
             let (Some(id), Some(rect)) = (&entity.id, entity.bb) else { continue };
-            if rect[2] <= 0.0 || rect[3] <= 0.0 {
+            let [_, _, width, height] = rect;
+            if width <= 0.0 || height <= 0.0 {
                 let (value, expected) =
                     (std::format!("{rect:?} of {id}"), "width and height above 0");
                 return Err(ImportError::Value {

@@ -112,7 +112,8 @@ fn of_file(path: &Path, root: &Path) -> Result<Vec<Sequence>, ImportError> {
         sequences.push(sequence(name, &images, &labels, &there));
     }
     for (name, files) in pictures::sequences(singles.keys().cloned().collect()) {
-        let images: Vec<&CocoImage> = files.iter().map(|file| singles[file]).collect();
+        let images: Vec<&CocoImage> =
+            files.iter().filter_map(|file| singles.get(file).copied()).collect();
         sequences.push(sequence(name, &images, &labels, &there));
     }
     Ok(sequences)

@@ -78,7 +78,7 @@ fn of_video(
             // Numbers from 1: 0 is a number of no object in MOTChallenge text.
             sequence.labels.push(LabelledBox {
                 frame: frame as u64 + 1,
-                id: Some(id + 1),
+                id: Some(id.saturating_add(1)),
                 ..label
             });
         }
@@ -134,11 +134,11 @@ fn of_images(
     let sequence = |(name, files): (String, Vec<PathBuf>)| {
         let mut labels = Vec::new();
         for (path, frame) in files.iter().zip(1..) {
-            labels
-                .extend(images[path].1.iter().map(|label| LabelledBox { frame, ..label.clone() }));
+            let own = images.get(path).into_iter().flat_map(|(_, labels)| labels);
+            labels.extend(own.map(|label| LabelledBox { frame, ..label.clone() }));
         }
         let length = Some(files.len() as u64);
-        let all = files.iter().all(|path| images[path].0);
+        let all = files.iter().all(|path| images.get(path).is_some_and(|(there, _)| *there));
         let frames = if all { SequenceFrames::Pictures(files) } else { SequenceFrames::Missing };
         Sequence { name, frames, length, size, labels, ..Sequence::default() }
     };

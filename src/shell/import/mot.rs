@@ -80,17 +80,20 @@ fn parse(line: &str, path: &Path, number: u32) -> Result<LabelledBox, ImportErro
         expected,
     };
     let value = |index: usize, default: Option<f64>| {
+        let name = FIELDS.get(index).copied().unwrap_or_default();
         let text = fields.get(index).copied().unwrap_or_default();
         let parsed = text.parse::<f64>().ok().filter(|value| value.is_finite());
         let given = if text.is_empty() { default } else { parsed };
-        given.ok_or_else(|| wrong(FIELDS[index], text, "a number"))
+        given.ok_or_else(|| wrong(name, text, "a number"))
     };
     let frame = value(0, None)?;
     if !(1.0..=4e6).contains(&frame) {
-        return Err(wrong("frame", fields[0], "a number from 1"));
+        let text = fields.first().copied().unwrap_or_default();
+        return Err(wrong("frame", text, "a number from 1"));
     }
     let rect = [value(2, None)?, value(3, None)?, value(4, None)?, value(5, None)?];
-    if rect[2] <= 0.0 || rect[3] <= 0.0 {
+    let [_, _, width, height] = rect;
+    if width <= 0.0 || height <= 0.0 {
         return Err(wrong("width or height", line, "more than 0"));
     }
     let (conf, visibility) = (value(6, Some(1.0))?, value(8, Some(1.0))?);

@@ -98,7 +98,8 @@ fn split_number(path: &Path) -> (String, u64) {
     // Roboflow's ending: `name_0001_jpg.rf.0123abcd`.
     let stem = stem.split("_jpg.rf.").next().unwrap_or_default();
     let name = stem.trim_end_matches(|c: char| c.is_ascii_digit());
-    let number = stem[name.len()..].parse().unwrap_or(0);
+    let digits = stem.strip_prefix(name).unwrap_or_default();
+    let number = digits.parse().unwrap_or(0);
     (name.trim_end_matches(['_', '-', '.', ' ']).into(), number)
 }
 

@@ -67,7 +67,8 @@ pub fn read(source: &Path) -> Result<Vec<Sequence>, ImportError> {
 fn same_names(sequences: &[Sequence]) -> Vec<String> {
     let mut names: Vec<&String> = sequences.iter().map(|sequence| &sequence.name).collect();
     names.sort();
-    names.windows(2).filter(|pair| pair[0] == pair[1]).map(|pair| pair[0].clone()).collect()
+    let pairs = names.iter().zip(names.iter().skip(1));
+    pairs.filter(|(a, b)| a == b).map(|(name, _)| (*name).clone()).collect()
 }
 
 /// The text of a picture's labels: the last `images` of its path is `labels` there, or it lies beside the picture.
@@ -121,13 +122,21 @@ fn parse(
         value: value.to_owned(),
         expected,
     };
-    if !(5..=6).contains(&fields.len()) {
-        return Err(wrong("the line", line, "class x y width height, in shares of the picture"));
-    }
-    let class = fields[0].parse::<u32>();
-    let class = class.map_err(|_| wrong("class", fields[0], "a whole number from 0"))?;
+    let (class, texts, id) = match *fields.as_slice() {
+        [class, x, y, w, h] => (class, [x, y, w, h], None),
+        [class, x, y, w, h, id] => (class, [x, y, w, h], Some(id)),
+        _ => {
+            return Err(wrong(
+                "the line",
+                line,
+                "class x y width height, in shares of the picture",
+            ));
+        }
+    };
+    let number = class.parse::<u32>();
+    let class = number.map_err(|_| wrong("class", class, "a whole number from 0"))?;
     let mut shares = [0.0; 4];
-    for (share, text) in shares.iter_mut().zip(&fields[1..5]) {
+    for (share, text) in shares.iter_mut().zip(texts) {
         let value = text.parse::<f64>().ok().filter(|value| (-0.5..=1.5).contains(value));
         *share = value.ok_or_else(|| wrong("x, y, width or height", text, "a share, 0 to 1"))?;
     }
@@ -138,7 +147,7 @@ fn parse(
     let (across, down) = (f64::from(width), f64::from(height));
     Ok(LabelledBox {
         frame: 0,
-        id: fields.get(5).and_then(|text| text.parse::<i64>().ok()),
+        id: id.and_then(|text| text.parse::<i64>().ok()),
         rect: [(x - w / 2.0) * across, (y - h / 2.0) * down, w * across, h * down],
         class: names.get(&class).cloned().unwrap_or_else(|| classes::numbered(class)),
         visibility: 1.0,

@@ -100,9 +100,9 @@ pub fn read_key(path: &Path) -> io::Result<[u8; 32]> {
     let digits = text.trim().as_bytes();
     let mut key = [0; 32];
     let mut good = digits.len() == 64;
-    for (byte, pair) in key.iter_mut().zip(digits.chunks_exact(2)) {
+    for (byte, pair) in key.iter_mut().zip(digits.as_chunks::<2>().0) {
         let digit = |c: u8| char::from(c).to_digit(16).and_then(|digit| u8::try_from(digit).ok());
-        match (digit(pair[0]), digit(pair[1])) {
+        match pair.map(digit).into() {
             (Some(high), Some(low)) => *byte = high * 16 + low,
             _ => good = false,
         }
@@ -220,7 +220,8 @@ impl Signing {
         }
         *frame.signature_link_id_mut() = link;
         let time = self.time.to_le_bytes();
-        frame.signature_timestamp_bytes_mut().copy_from_slice(&time[..6]);
+        let stamp = frame.signature_timestamp_bytes_mut().iter_mut();
+        stamp.zip(time).for_each(|(byte, of_time)| *byte = of_time);
         let mut signature = [0; consts::v2::SIGNATURE_VALUE_SIZE];
         frame.calculate_signature(&self.key, &mut signature);
         frame.signature_value_mut().copy_from_slice(&signature);

@@ -7,17 +7,20 @@ use super::{Inbound, LinkSpec};
 use crate::mavlink::component::Trust;
 use crate::shell::support::clock::now_us;
 use crate::shell::support::histogram::Histogram;
+use crate::shell::support::repeats::Repeats;
 use crossbeam_channel::Sender;
 use mavlink_core::MAVLinkMessageRaw;
+use std::format;
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The first wait before a link is opened again; it doubles up to the last.
+/// The first wait before a link is opened again; it doubles up to the last, so that one that is back is used within two
+/// seconds.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
-const LAST_WAIT: Duration = Duration::from_secs(5);
+const LAST_WAIT: Duration = Duration::from_secs(1);
 
 /// Time after which a link that held starts with the first wait again.
 const HELD: Duration = Duration::from_secs(5);
@@ -58,6 +61,7 @@ impl Worker {
     /// Opens the link, serves it, opens it again, until it is to stop.
     pub fn run(self) {
         let mut wait = FIRST_WAIT;
+        let mut said = Repeats::default();
         while !self.stopped() {
             let start = Instant::now();
             let error = match Transport::open(&self.spec.address) {
@@ -78,8 +82,12 @@ impl Worker {
             }
             if start.elapsed() > HELD {
                 wait = FIRST_WAIT;
+                said.forget();
             }
-            tracing::warn!("link {}: {error}; again in {} ms", self.spec, wait.as_millis());
+            let text = format!("link {}: {error}", self.spec);
+            if said.is_news(&text, Instant::now()) {
+                tracing::warn!("{text}; tried again until it opens");
+            }
             let until = Instant::now() + wait;
             while Instant::now() < until && !self.stopped() {
                 thread::sleep(Duration::from_millis(20));
@@ -92,7 +100,7 @@ impl Worker {
         self.shared.stop.load(Ordering::Relaxed)
     }
 
-    /// Reads and writes in turns until something fails.
+    /// Reads and writes in turns until something fails. What is to be sent when the link ends is still sent.
     fn serve(&self, mut transport: Transport) -> io::Error {
         while !self.stopped() {
             if let Err(error) = self.read(&mut transport).and_then(|()| self.write(&mut transport))
@@ -100,7 +108,8 @@ impl Worker {
                 return error;
             }
         }
-        io::ErrorKind::ConnectionAborted.into()
+        let last = self.write(&mut transport);
+        last.err().unwrap_or(io::ErrorKind::ConnectionAborted.into())
     }
 
     fn read(&self, transport: &mut Transport) -> io::Result<()> {

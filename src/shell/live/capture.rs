@@ -5,7 +5,9 @@ use super::mailbox::{Mailbox, Pool};
 use super::source::{LiveError, OpenSource};
 use crate::shell::link::Inbound;
 use crate::shell::sources::SourceError;
+use crate::shell::support::repeats::Repeats;
 use crossbeam_channel::Sender;
+use std::format;
 use std::string::{String, ToString};
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,9 +16,10 @@ use std::time::{Duration, Instant};
 
 /// Timeout of one call for a frame; bounds the latency of a shutdown.
 const SLICE: Duration = Duration::from_millis(100);
-/// The first wait before it is opened again; it doubles up to the last.
+/// The first wait before it is opened again; it doubles up to the last, so that a camera that is back is used within two
+/// seconds.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
-const LAST_WAIT: Duration = Duration::from_secs(5);
+const LAST_WAIT: Duration = Duration::from_secs(1);
 
 /// State of the capture.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -79,6 +82,7 @@ impl Capture {
     ) -> Result<(), SourceError> {
         let mut wait = FIRST_WAIT;
         let mut pool = Pool::default();
+        let mut said = Repeats::default();
         while !stop.load(Ordering::Relaxed) {
             if let Some(changed) = self.new_settings() {
                 config = changed;
@@ -98,7 +102,14 @@ impl Capture {
                 }
                 Err(error) => error.to_string(),
             };
-            tracing::warn!("{}: {reason}; again in {} ms", config.source, wait.as_millis());
+            if wait == FIRST_WAIT {
+                // Frames came since the last one.
+                said.forget();
+            }
+            let text = format!("{}: {reason}", config.source);
+            if said.is_news(&text, Instant::now()) {
+                tracing::warn!("{text}; tried again until it is there");
+            }
             self.set(CaptureState::Gone(reason));
             let until = Instant::now() + wait;
             while Instant::now() < until && !stop.load(Ordering::Relaxed) {

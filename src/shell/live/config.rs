@@ -114,7 +114,8 @@ impl ServiceConfig {
     pub fn parse(path: &Path, text: &str) -> Result<Self, Error> {
         let at = |place: usize, reason: String| FormatError::Line {
             path: path.into(),
-            line: text[..place.min(text.len())].matches('\n').count() + 1,
+            // Bytes: the place may be within a character.
+            line: text.bytes().take(place).filter(|&byte| byte == b'\n').count() + 1,
             reason,
         };
         let spanned = |span: Option<Range<usize>>| span.map_or(0, |span| span.start);
@@ -309,6 +310,21 @@ mod tests {
             let table: Table = format!("value = {}", key.default).parse().unwrap();
             assert_eq!(key.check(&table["value"]), Ok(()), "{}", key.name);
         }
+    }
+
+    #[test]
+    fn the_token_is_not_printed() {
+        let text = "source = 'simulate:hover'\npreview_token = 'a-token-of-enough-letters'\n";
+        let printed = print(Some(&parse(text).unwrap()));
+        assert!(printed.contains("# preview_token = (set, not shown)"), "{printed}");
+        assert!(!printed.contains("a-token"), "{printed}");
+    }
+
+    /// Found with the fuzz target `config` in mind: the line was counted up to a byte within the last character.
+    #[test]
+    fn a_last_letter_of_several_bytes() {
+        let error = parse("links = []\n# \u{e9}").unwrap_err();
+        assert!(error.contains("line 2: source is missing"), "{error}");
     }
 
     #[test]

@@ -69,7 +69,8 @@ fn steepness(frame: &Frame) -> Option<u32> {
         for line in (0..lines).step_by(STEP * 2) {
             for start in (0..pixels.saturating_sub(EDGE)).step_by(STEP * 2) {
                 let first = line * across + start * along;
-                let at = |i: usize| u32::from(frame.pixels[first + i * along]);
+                let pixel = |i: usize| frame.pixels.get(first + i * along).copied();
+                let at = |i: usize| u32::from(pixel(i).unwrap_or_default());
                 places += 1;
                 let (low, high) = (at(0) + at(1), at(EDGE - 2) + at(EDGE - 1));
                 let height = low.abs_diff(high);
@@ -79,7 +80,9 @@ fn steepness(frame: &Frame) -> Option<u32> {
                 edges += 1;
                 let rise = |i: usize| (at(i) + at(i + 1)).abs_diff(at(i + 2) + at(i + 3));
                 let steepest = (0..EDGE - 3).map(rise).max().unwrap_or(0);
-                counts[(steepest * 16 / height).min(16) as usize] += 1;
+                if let Some(count) = counts.get_mut((steepest * 16 / height).min(16) as usize) {
+                    *count += 1;
+                }
             }
         }
     }
@@ -87,10 +90,11 @@ fn steepness(frame: &Frame) -> Option<u32> {
         return None;
     }
     let mut above = 0;
-    (0..17u32).rev().find(|&steep| {
-        above += counts[steep as usize];
+    let steepest = (0..17u32).zip(counts).rev().find(|(_, count)| {
+        above += count;
         above * 10 >= edges
-    })
+    });
+    steepest.map(|(steep, _)| steep)
 }
 
 /// A reason, and whether it counts.

@@ -24,7 +24,7 @@ use std::string::{String, ToString};
 use std::vec::Vec;
 
 /// Time between two attempts to open an output, microseconds.
-const AGAIN_US: i64 = 5_000_000;
+const AGAIN_US: i64 = 1_000_000;
 
 /// State of the lookout, for the page.
 #[derive(Debug, Clone)]
@@ -102,6 +102,12 @@ impl ServiceOutputs {
         outputs
     }
 
+    /// Whether the last attempt to open an output failed.
+    #[cfg_attr(not(test), expect(clippy::indexing_slicing, reason = "as many places as kinds"))]
+    fn failed(&mut self, kind: OutputKind) -> &mut bool {
+        &mut self.failed[kind as usize]
+    }
+
     /// Opens an output anew; the first failure in a row is logged, and the success after it.
     fn reopen(&mut self, kind: OutputKind) {
         let opened = match kind {
@@ -110,10 +116,10 @@ impl ServiceOutputs {
             OutputKind::Preview => self.open_preview(),
             OutputKind::Json => self.open_json(),
         };
-        let failed = std::mem::replace(&mut self.failed[kind as usize], opened.is_err());
+        let failed = std::mem::replace(self.failed(kind), opened.is_err());
         match opened {
             Err(error) if !failed => {
-                tracing::error!("{}: {error}; tried again every 5 s", kind.name());
+                tracing::error!("{}: {error}; tried again every second", kind.name());
             }
             Ok(()) if failed => tracing::info!("{}: open", kind.name()),
             _ => {}
@@ -168,7 +174,7 @@ impl ServiceOutputs {
                 OutputKind::Preview => about("preview"),
                 OutputKind::Json => about("json"),
             };
-            if changed || self.failed[kind as usize] {
+            if changed || *self.failed(kind) {
                 self.reopen(kind);
             }
         }
@@ -237,7 +243,7 @@ impl ServiceOutputs {
         if self.failed.contains(&true) && now_us >= self.next_us {
             self.next_us = now_us + AGAIN_US;
             for kind in OutputKind::ALL {
-                if self.failed[kind as usize] {
+                if *self.failed(kind) {
                     self.reopen(kind);
                 }
             }
@@ -265,7 +271,7 @@ impl ServiceOutputs {
                 LookoutState::Starting => snapshot::StateView::Starting,
                 LookoutState::Watching | LookoutState::NoAutopilot => snapshot::StateView::Watching,
                 LookoutState::Blind(_) => snapshot::StateView::Blind,
-                LookoutState::Stalled => snapshot::StateView::CameraGone,
+                LookoutState::Stalled | LookoutState::Ending => snapshot::StateView::CameraGone,
                 LookoutState::Slow => snapshot::StateView::Slow,
             },
             blind,

@@ -239,6 +239,9 @@ impl<'a> Service<'a> {
             }
         }
         self.notify.stopping();
+        // The ground learns it from us, not from a silence. The links write what they have before they end.
+        self.onboard.end();
+        self.speak(None);
         Ok(())
     }
 
@@ -294,7 +297,7 @@ impl<'a> Service<'a> {
         if state != self.state {
             self.state = state;
             match state {
-                LookoutState::Watching | LookoutState::Starting => {
+                LookoutState::Watching | LookoutState::Starting | LookoutState::Ending => {
                     tracing::info!("{}", state_in_words(state))
                 }
                 LookoutState::Blind(_)
@@ -347,15 +350,16 @@ impl<'a> Service<'a> {
             (Notice::ParametersNotKept, None),
             (Notice::SigningTimeNotKept, None),
         ];
-        for (at, (stopped, goes_on)) in notices.into_iter().enumerate() {
-            let before = self.noticed[at];
+        let notices = notices.into_iter().zip(failing).zip(&mut self.noticed);
+        for (((stopped, goes_on), failing), noticed) in notices {
+            let before = *noticed;
             let due = before.is_none_or(|before| now_us.saturating_sub(before) >= NOTICE_AGAIN_US);
-            let notice = match (failing[at], before) {
+            let notice = match (failing, before) {
                 (true, _) if due => Some(stopped),
                 (false, Some(_)) => goes_on,
                 _ => continue,
             };
-            self.noticed[at] = failing[at].then_some(now_us);
+            *noticed = failing.then_some(now_us);
             self.noticed_us = now_us;
             return notice.into_iter().for_each(|notice| self.onboard.notify(notice));
         }

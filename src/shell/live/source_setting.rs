@@ -131,7 +131,7 @@ impl SourceSetting {
         let Self::Address(address) = self else { return None };
         let (_, rest) = address.split_once("://")?;
         let authority = rest.split(['/', '?', '#']).next()?;
-        authority.rfind('@').map(|end| &authority[..=end])
+        authority.get(..=authority.rfind('@')?)
     }
 }
 

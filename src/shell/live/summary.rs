@@ -51,6 +51,7 @@ pub(super) fn state_in_words(state: LookoutState) -> String {
         LookoutState::Watching => "watching for traffic".into(),
         LookoutState::Stalled => "no frames, traffic is not watched".into(),
         LookoutState::Slow => "the detector is too slow, traffic is not watched".into(),
+        LookoutState::Ending => "ending".into(),
         LookoutState::NoAutopilot => "watching, but the autopilot is gone".into(),
         LookoutState::Blind(blind) => {
             let reasons: Vec<_> = blind.reasons().collect();

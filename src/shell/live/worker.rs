@@ -19,6 +19,9 @@ use std::time::Duration;
 /// Poll timeout; bounds the time to shut down.
 const SLICE: Duration = Duration::from_millis(100);
 
+/// Most bytes of the detector: the service's unit has 512 MB for everything. Frames of 3840x2160 take 232 MB.
+const MOST_BYTES: usize = 400_000_000;
+
 /// A frame and its detections.
 #[derive(Debug)]
 pub struct ProcessedFrame {
@@ -42,7 +45,8 @@ fn heard<T>(result: Result<T, PipelineError>) -> Option<T> {
 /// Runs the detector on frames until `stop`. A frame of another size than the one before gets a new detector.
 ///
 /// # Errors
-/// [`PipelineError::Detector`] for a frame that the detector cannot be made for.
+/// [`PipelineError::Detector`] for a frame that the detector cannot be made for, [`PipelineError::Memory`] for one that is
+/// too large.
 pub fn run(
     model: &Model<'_>,
     args: &DetectorArgs,
@@ -64,6 +68,11 @@ pub fn run(
         let Some(mut frame) = next.take().or_else(take) else { continue };
         let size = (frame.width, frame.height);
         let config = args.config(model, size.0, size.1)?;
+        let bytes = config.bytes_len().saturating_add(config.words_len().saturating_mul(4));
+        if bytes > MOST_BYTES {
+            let (width, height) = size;
+            return Err(PipelineError::Memory { width, height, bytes, most: MOST_BYTES }.into());
+        }
         let mut memory = Memory::new(&config);
         tracing::info!(width = size.0, height = size.1, bytes = memory.len_bytes(), "detector");
         let refused = |source| PipelineError::Detector {
@@ -80,7 +89,11 @@ pub fn run(
             let begun_us = now_us();
             let blind = sight.assess(&frame);
             let mut ended_us = [0; DetectorStage::ALL.len()];
-            let mut observer = |stage: DetectorStage| ended_us[stage as usize] = now_us();
+            let mut observer = |stage: DetectorStage| {
+                if let Some(ended_us) = ended_us.get_mut(stage as usize) {
+                    *ended_us = now_us();
+                }
+            };
             let mut found = Detections::default();
             detector
                 .process_observed(frame.view(), frame.time_us, &mut found, &mut observer)

@@ -175,6 +175,7 @@ struct ColourEncoder {
 }
 
 impl ColourEncoder {
+    #[allow(clippy::expect_used, reason = "both are piped")]
     fn start(path: &Path, picture: &ColourPicture, rate: f64) -> Result<Self, PictureError> {
         let size = format!("{}x{}", picture.width, picture.height);
         let mut command = Command::new("ffmpeg");

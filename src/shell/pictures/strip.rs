@@ -18,6 +18,7 @@ const GAP: u32 = 1;
 
 /// The window around `rect` in each frame, oldest first, side by side as PNG, and where the box is in the last one, in
 /// shares of the picture. With each frame stands by how many pixels the window is moved right and down there.
+#[allow(clippy::expect_used, reason = "a picture in memory meets no fault")]
 pub fn picture(frames: &[(&Frame, [f64; 2])], rect: &Box4) -> (Vec<u8>, Box4) {
     let [left, top, width, height] = *rect;
     let side = (width.max(height) * WINDOW).ceil().clamp(WINDOW_SIDES[0], WINDOW_SIDES[1]);

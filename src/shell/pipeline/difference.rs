@@ -73,6 +73,7 @@ struct Blob {
 impl DifferenceDetector {
     /// For frames of `width` x `height`; detections below `threshold` are not reported (units of
     /// [`Detection::score`]; all without one).
+    #[allow(clippy::expect_used, reason = "the buffer has the length needed")]
     pub fn new(width: usize, height: usize, threshold: Option<i32>) -> Self {
         let pixels = width * height;
         let buffer = vec![0; buffer_len(width, height)];
@@ -111,6 +112,7 @@ impl DifferenceDetector {
     }
 
     /// The least of the differences to the older frames.
+    #[allow(clippy::expect_used, reason = "frames are kept whole")]
     fn differences(&mut self, frame: Image<'_>) {
         let motions: Vec<GlobalMotion> = self.older.iter().map(|(_, motion)| *motion).collect();
         self.least.fill(u8::MAX);

@@ -69,6 +69,22 @@ pub enum PipelineError {
         /// Error of the detector.
         source: detector::Error,
     },
+    /// Frames so large that the live detector would take too much memory.
+    #[error(
+        "frames of {width}x{height}: the detector would take {} MB for them, at most {} MB are used; set camera.width and camera.height, or scale a file or program to at most 3840x2160",
+        bytes / 1_000_000,
+        most / 1_000_000
+    )]
+    Memory {
+        /// Width in pixels.
+        width: usize,
+        /// Height in pixels.
+        height: usize,
+        /// Bytes of the detector.
+        bytes: usize,
+        /// Bytes allowed.
+        most: usize,
+    },
     /// A picture that is no mask for the frames.
     #[error("{}: {reason}; make a mask with `lookout mask VIDEO --out FILE`", path.display())]
     Mask {

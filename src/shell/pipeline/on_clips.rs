@@ -14,6 +14,7 @@ use std::vec::Vec;
 ///
 /// # Errors
 /// The error of the first clip in their order that has one.
+#[allow(clippy::expect_used, reason = "the template is constant")]
 pub fn on_clips<T: Send, E: Send + From<PipelineError>, C: Sync>(
     clips: &[C],
     jobs: usize,

@@ -98,8 +98,8 @@ impl Server {
             match self.listener.accept() {
                 Ok((stream, _)) => {
                     if self.clients.len() == MAX_CLIENTS
-                        && let Some(oldest) =
-                            (0..MAX_CLIENTS).min_by_key(|&i| self.clients[i].served)
+                        && let Some((oldest, _)) =
+                            self.clients.iter().enumerate().min_by_key(|(_, client)| client.served)
                     {
                         self.clients.swap_remove(oldest);
                     }
@@ -201,15 +201,15 @@ impl Connection {
     /// Reads once, at least a byte.
     fn fill(&mut self, now: Instant) -> io::Result<()> {
         let mut bytes = [0; MAX_REQUEST];
-        let room = MAX_REQUEST - self.request.len();
-        let read = self.stream.read(&mut bytes[..room])?;
+        let room = MAX_REQUEST.saturating_sub(self.request.len());
+        let read = self.stream.read(bytes.get_mut(..room).unwrap_or_default())?;
         if read == 0 {
             return Err(ErrorKind::UnexpectedEof.into());
         }
         if self.request.is_empty() {
             self.deadline = self.deadline.min(now + REQUEST);
         }
-        self.request.extend(&bytes[..read]);
+        self.request.extend(bytes.iter().take(read));
         Ok(())
     }
 
@@ -218,7 +218,7 @@ impl Connection {
             return Ok(NextStep::More);
         };
         while *sent < answer.len() {
-            match self.stream.write(&answer[*sent..])? {
+            match self.stream.write(answer.get(*sent..).unwrap_or_default())? {
                 0 => return Err(ErrorKind::WriteZero.into()),
                 written => *sent += written,
             }

@@ -85,8 +85,10 @@ impl McapWriter {
     ) -> Result<(), Error> {
         let time_us = frame.time_us.max(0);
         let stamp = json!({"sec": time_us / 1_000_000, "nsec": time_us % 1_000_000 * 1000});
+        let png = png(frame)
+            .map_err(|error| failed(&self.path, McapError::Io(io::Error::other(error))))?;
         let image = json!({
-            "timestamp": stamp, "frame_id": FRAME_ID, "format": "png", "data": STANDARD.encode(png(frame)),
+            "timestamp": stamp, "frame_id": FRAME_ID, "format": "png", "data": STANDARD.encode(png),
         });
         self.write(IMAGE, time_us, &image)?;
         self.write(BOXES, time_us, &annotations(&stamp, found, tracks))?;
@@ -140,7 +142,7 @@ impl McapWriter {
         let time = time_us.unsigned_abs().saturating_mul(1000);
         self.sequence = self.sequence.wrapping_add(1);
         let header = MessageHeader {
-            channel_id: self.channels[topic],
+            channel_id: self.channels.get(topic).copied().unwrap_or_default(),
             sequence: self.sequence,
             log_time: time,
             publish_time: time,
@@ -159,16 +161,14 @@ fn failed(path: &Path, error: McapError) -> Error {
 }
 
 /// A frame as PNG, quickly rather than small.
-fn png(frame: &Frame) -> Vec<u8> {
+fn png(frame: &Frame) -> Result<Vec<u8>, image::ImageError> {
     let mut bytes = Vec::new();
     let encoder =
         PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
     // No frame has so many pixels.
     let [width, height] = [frame.width, frame.height].map(|s| u32::try_from(s).unwrap_or(u32::MAX));
-    encoder
-        .write_image(&frame.pixels, width, height, ExtendedColorType::L8)
-        .expect("a frame's pixels always fill its size");
-    bytes
+    encoder.write_image(&frame.pixels, width, height, ExtendedColorType::L8)?;
+    Ok(bytes)
 }
 
 fn annotations(stamp: &Value, found: &Detections, tracks: &[Traffic]) -> Value {
@@ -248,6 +248,8 @@ fn schema(name: &str) -> Value {
             "tracks": list(json!({"type": "object"})),
         })),
     };
-    schema["title"] = name.into();
+    if let Some(fields) = schema.as_object_mut() {
+        fields.insert(String::from("title"), name.into());
+    }
     schema
 }

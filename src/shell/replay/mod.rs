@@ -143,7 +143,9 @@ fn progress(frames: Option<u64>) -> ProgressBar {
         ),
         None => (ProgressBar::new_spinner(), "{spinner} {pos} frames, {per_sec} frames a second"),
     };
-    let style = ProgressStyle::with_template(template).expect("the templates are constant");
+    // Constant templates are good.
+    let style = ProgressStyle::with_template(template);
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_spinner());
     // indicatif's own unit says only `/s`.
     bar.with_style(style.with_key(
         "per_sec",
@@ -356,7 +358,7 @@ impl ReplayOutputs {
 fn in_words(number: u64, time_us: i64, detection: &Detection) -> String {
     let [x, y, width, height] = detections::rect(detection).map(|v| v.to_f64());
     let score = detections::Decimal::score(detection.score).to_f64();
-    let oldest = detection.shifts[detection.shifts.len() - 1];
+    let oldest = detection.shifts.last().copied().unwrap_or_default();
     let per_frame =
         |shift: fixed::types::I28F4| 0.0 - shift.to_num::<f64>() / detection.shifts.len() as f64;
     let (vx, vy) = (per_frame(oldest.x), per_frame(oldest.y));

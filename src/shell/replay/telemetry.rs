@@ -193,10 +193,11 @@ impl ReplayTelemetry {
                 let first = messages.next().transpose()?;
                 #[expect(clippy::cast_possible_truncation, reason = "saturates")]
                 let start_us = (args.tlog_start * 1e6).round() as i64;
-                let first_us = first.as_ref().map_or(0, |(time_us, _)| *time_us) + start_us;
+                let first_us = first.as_ref().map_or(0, |(time_us, _)| *time_us);
+                let first_us = first_us.saturating_add(start_us);
                 let messages = first.into_iter().map(Ok).chain(messages);
                 let relative = move |message: Result<(i64, MAVLinkMessageRaw), FlightLogError>| {
-                    message.map(|(time_us, raw)| (time_us - first_us, raw))
+                    message.map(|(time_us, raw)| (time_us.saturating_sub(first_us), raw))
                 };
                 (first_us, Box::new(messages.map(relative)))
             }

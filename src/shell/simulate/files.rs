@@ -108,6 +108,7 @@ pub(super) fn png(frame: &Frame) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+#[allow(clippy::expect_used, reason = "the template is a constant")]
 pub(super) fn progress_bar(frames: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{bar:40} {pos}/{len} {msg}, {per_sec}, {eta} left");
     ProgressBar::new(frames).with_style(style.expect("the template is a constant"))

@@ -178,6 +178,7 @@ fn write_flight(
     Ok((line, shown))
 }
 
+#[allow(clippy::expect_used, reason = "numbers and words always make JSON")]
 fn camera_file(flight: &RenderedFlight<'_>, settings: &RenderSettings) -> String {
     let (focal, k1) = flight.optics();
     let [width, height] = settings.size;
@@ -290,6 +291,7 @@ impl FlightEncoder {
             .map_err(|e| SimulateError::Encoder { path, reason: reason(e) })
     }
 
+    #[allow(clippy::expect_used, reason = "it is piped")]
     fn write(&mut self, frame: &Frame) -> Result<(), SimulateError> {
         let input = self.child.stdin.as_mut().expect("it is piped");
         if let Err(error) = input.write_all(&frame.pixels) {

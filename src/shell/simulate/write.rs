@@ -64,6 +64,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), SimulateError> {
     Ok(())
 }
 
+#[allow(clippy::expect_used, reason = "numbers and words always make JSON")]
 fn camera_file(simulator: &Simulator) -> String {
     let file = FlightFile {
         camera: simulator.camera(),
@@ -75,6 +76,7 @@ fn camera_file(simulator: &Simulator) -> String {
 }
 
 /// The bytes of `flight.tlog`; its first message comes with the first frame.
+#[allow(clippy::expect_used, reason = "memory takes every frame the simulator makes")]
 fn telemetry(settings: &SimulateSettings) -> Vec<u8> {
     let mut log = Vec::new();
     for (time_us, frame) in FlightTelemetry::of(settings) {

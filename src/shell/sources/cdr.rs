@@ -27,7 +27,7 @@ impl<'a> Cdr<'a> {
 
     /// Reads one byte; `None` at the end.
     pub fn byte(&mut self) -> Option<u8> {
-        self.take(1).map(|bytes| bytes[0])
+        self.take(1)?.first().copied()
     }
 
     /// Reads an aligned 32-bit number in the stream's byte order; `None` at the end.

@@ -80,7 +80,8 @@ impl FrameSource for Folder {
         }
         (frame.width, frame.height) = size;
         frame.time_us = match &self.times {
-            Some(times) => times[self.next],
+            // As many as pictures.
+            Some(times) => times.get(self.next).copied().unwrap_or_default(),
             None => frame_time_us(self.next as u64, self.rate),
         };
         frame.pixels = picture.into_raw();
@@ -156,7 +157,7 @@ fn take_number<'a>(text: &mut &'a [u8]) -> &'a [u8] {
     let (number, rest) = text.split_at(end);
     *text = rest;
     let zeros = number.iter().take_while(|&&byte| byte == b'0').count();
-    &number[zeros..]
+    number.get(zeros..).unwrap_or_default()
 }
 
 #[cfg(test)]

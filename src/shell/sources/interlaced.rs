@@ -23,7 +23,7 @@ pub fn keep_earlier(pixels: &mut [u8], width: usize, earlier: FieldOrder) {
     for y in (first..rows).step_by(2) {
         let (before, rest) = pixels.split_at_mut(y * width);
         let (row, after) = rest.split_at_mut(width);
-        let above = y.checked_sub(1).map(|above| &before[above * width..]);
+        let above = y.checked_sub(1).and_then(|above| before.get(above * width..));
         let below = after.get(..width);
         match (above, below) {
             (Some(above), Some(below)) => {

@@ -224,10 +224,14 @@ impl Raw {
         if !fits {
             return Err(format!("{width}x{height} pixels do not stand in {} bytes", bytes.len()));
         }
-        let rows = bytes.chunks(self.step).take(height).map(|line| &line[..row]);
+        let rows = bytes.chunks(self.step).take(height).filter_map(|line| line.get(..row));
         // Of two bytes a pixel one is its brightness: the upper one, or that of YUV.
         let one = |place: usize| -> Vec<u8> {
-            rows.clone().flat_map(|row| row.chunks_exact(2).map(move |two| two[place])).collect()
+            rows.clone()
+                .flat_map(|row| {
+                    row.as_chunks::<2>().0.iter().map(move |&[a, b]| if place == 0 { a } else { b })
+                })
+                .collect()
         };
         let (w, h) = (self.width, self.height);
         let picture = match self.encoding.as_str() {

@@ -49,6 +49,13 @@ impl Frame {
     }
 
     /// The frame as the core sees it.
+    ///
+    /// # Panics
+    /// Where `pixels` are not as many as `width` and `height` say, which no source does.
+    #[cfg_attr(
+        not(test),
+        expect(clippy::expect_used, reason = "a source fills a frame whole, or fails")
+    )]
     pub fn view(&self) -> Image<'_> {
         Image::packed(&self.pixels, self.width, self.height)
             .expect("a frame's pixels always fill its size")

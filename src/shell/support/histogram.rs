@@ -47,8 +47,9 @@ impl Histogram {
     /// Counts a time; below 0 it counts as 0.
     pub fn add(&mut self, time_us: i64) {
         let time = time_us.clamp(0, LONGEST);
-        let bin = &mut self.bins[bin(time)];
-        *bin = bin.saturating_add(1);
+        if let Some(bin) = self.bins.get_mut(bin(time)) {
+            *bin = bin.saturating_add(1);
+        }
         self.count += 1;
         self.max = self.max.max(time);
     }

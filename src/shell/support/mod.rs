@@ -11,5 +11,6 @@ pub mod lock;
 pub mod parallel;
 pub mod print;
 pub mod random;
+pub mod repeats;
 pub mod text;
 pub mod vectors;

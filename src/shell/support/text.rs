@@ -19,15 +19,15 @@ pub fn read_text(path: &Path) -> io::Result<String> {
 /// [`io::ErrorKind::InvalidData`] for other encodings.
 pub fn decode(bytes: Vec<u8>) -> io::Result<String> {
     let invalid = || io::Error::new(io::ErrorKind::InvalidData, "not a text in UTF-8 or UTF-16");
-    let wide = |from: fn([u8; 2]) -> u16| {
-        let units: Vec<u16> =
-            bytes[2..].chunks_exact(2).map(|pair| from([pair[0], pair[1]])).collect();
-        if bytes.len().is_multiple_of(2) { String::from_utf16(&units).ok() } else { None }
+    let wide = |text: &[u8], from: fn([u8; 2]) -> u16| {
+        let (pairs, rest) = text.as_chunks();
+        let units: Vec<u16> = pairs.iter().map(|pair| from(*pair)).collect();
+        if rest.is_empty() { String::from_utf16(&units).ok() } else { None }
     };
     match bytes.as_slice() {
-        [0xef, 0xbb, 0xbf, ..] => String::from_utf8(bytes[3..].to_vec()).map_err(|_| invalid()),
-        [0xff, 0xfe, ..] => wide(u16::from_le_bytes).ok_or_else(invalid),
-        [0xfe, 0xff, ..] => wide(u16::from_be_bytes).ok_or_else(invalid),
+        [0xef, 0xbb, 0xbf, text @ ..] => String::from_utf8(text.to_vec()).map_err(|_| invalid()),
+        [0xff, 0xfe, text @ ..] => wide(text, u16::from_le_bytes).ok_or_else(invalid),
+        [0xfe, 0xff, text @ ..] => wide(text, u16::from_be_bytes).ok_or_else(invalid),
         _ => String::from_utf8(bytes).map_err(|_| invalid()),
     }
 }

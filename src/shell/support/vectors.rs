@@ -98,8 +98,8 @@ impl Rotation {
 
     /// Turns a vector back.
     pub fn invert(&self, v: WorldVector) -> WorldVector {
-        let column = |i: usize| [self.0[0][i], self.0[1][i], self.0[2][i]];
-        [dot(column(0), v), dot(column(1), v), dot(column(2), v)]
+        let [[a, b, c], [d, e, f], [g, h, i]] = self.0;
+        [dot([a, d, g], v), dot([b, e, h], v), dot([c, f, i], v)]
     }
 }
 

@@ -78,6 +78,7 @@ enum OutcomeLine {
 }
 
 /// The bytes of a file.
+#[allow(clippy::expect_used, reason = "numbers and names always make JSON")]
 pub fn encode(outcome: ClipOutcome) -> Vec<u8> {
     let ClipOutcome { clip, facts, result } = outcome;
     let (result, broken) = match result {

@@ -132,6 +132,7 @@ impl Plan {
     ///
     /// # Errors
     /// [`Error`]; a page that cannot be written whole is taken away.
+    #[allow(clippy::expect_used, reason = "numbers and names always make JSON")]
     pub fn write(
         self,
         splits: &Splits,

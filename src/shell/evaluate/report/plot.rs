@@ -101,6 +101,7 @@ pub struct Curve {
 }
 
 /// Draws lines into an SVG without fonts or addresses; colours of text and axes are the page's.
+#[allow(clippy::expect_used, reason = "a plot in memory meets no fault")]
 pub fn plot(x: &Axis, y: &Axis, lines: &[Curve]) -> String {
     let mut svg = String::new();
     draw(&mut svg, x, y, lines).expect("a plot in memory meets no fault");

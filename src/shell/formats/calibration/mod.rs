@@ -159,7 +159,7 @@ impl CameraFields {
                 });
             }
             let mut all = [ZERO; 14];
-            all[..reals.len()].copy_from_slice(&reals);
+            all.iter_mut().zip(&reals).for_each(|(to, from)| *to = *from);
             Ok(Lens::Polynomial(all))
         };
         match model {

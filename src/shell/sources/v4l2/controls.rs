@@ -103,10 +103,9 @@ impl CameraControl {
         if self.kind == ControlKind::Integer64 {
             return value.to_ne_bytes();
         }
-        let mut bytes = [0; 8];
         // The range was checked: bits fill all 32, everything else is within an i32.
-        bytes[..4].copy_from_slice(&(value as i32).to_ne_bytes());
-        bytes
+        let [a, b, c, d] = (value as i32).to_ne_bytes();
+        [a, b, c, d, 0, 0, 0, 0]
     }
 
     fn decode(&self, bytes: [u8; 8]) -> i64 {
@@ -219,8 +218,8 @@ fn plain(name: &str) -> String {
 
 /// A C string in a field of fixed size.
 pub fn text(field: &[u8]) -> &str {
-    let end = field.iter().position(|&byte| byte == 0).unwrap_or(field.len());
-    str::from_utf8(&field[..end]).unwrap_or_default()
+    let text = field.split(|&byte| byte == 0).next().unwrap_or_default();
+    str::from_utf8(text).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -72,7 +72,7 @@ impl Converter {
         }
         for (to, from) in pixels.chunks_exact_mut(width).zip(bytes.chunks(stride)) {
             for (pixel, from) in to.iter_mut().zip(from.chunks_exact(N)) {
-                *pixel = from[at];
+                *pixel = from.get(at).copied().unwrap_or_default();
             }
         }
         Ok(())

@@ -37,14 +37,14 @@ impl MjpegDecoder {
     ) -> Result<(), Damaged> {
         // Behind the end there may be padding.
         let end = bytes.windows(2).rposition(|pair| pair == END_OF_IMAGE).ok_or(Damaged)?;
-        let picture = &bytes[..end + END_OF_IMAGE.len()];
+        let picture = bytes.get(..end + END_OF_IMAGE.len()).ok_or(Damaged)?;
         let picture = if has_huffman_tables(picture).ok_or(Damaged)? {
             picture
         } else {
             self.completed.clear();
             self.completed.extend(START_OF_IMAGE);
             self.completed.extend(AVI);
-            self.completed.extend(&picture[START_OF_IMAGE.len()..]);
+            self.completed.extend(picture.iter().skip(START_OF_IMAGE.len()));
             &self.completed
         };
         let options = DecoderOptions::default()
@@ -65,7 +65,7 @@ fn has_huffman_tables(picture: &[u8]) -> Option<bool> {
     loop {
         match *rest {
             // Any number of these may stand before a marker.
-            [0xff, 0xff, ..] => rest = &rest[1..],
+            [0xff, 0xff, ..] => rest = rest.get(1..)?,
             [0xff, HUFFMAN_TABLES, ..] => return Some(true),
             [0xff, START_OF_SCAN, ..] => return Some(false),
             [0xff, _, high, low, ..] => {

@@ -102,8 +102,8 @@ impl<R: BufRead> Y4m<R> {
         if header.depth > 8 {
             wide.resize(2 * pixels.len(), 0);
             reader.read_exact(wide)?;
-            for (pixel, sample) in pixels.iter_mut().zip(wide.chunks_exact(2)) {
-                *pixel = header.grey(u16::from_le_bytes([sample[0], sample[1]]));
+            for (pixel, sample) in pixels.iter_mut().zip(wide.as_chunks().0) {
+                *pixel = header.grey(u16::from_le_bytes(*sample));
             }
         } else {
             reader.read_exact(pixels)?;
