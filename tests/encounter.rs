@@ -165,6 +165,9 @@ struct World {
     /// Microseconds that attitudes take to arrive.
     late: i64,
     waiting: Vec<(i64, MavMessage)>,
+    /// Everything comes again after so many microseconds, over another link.
+    doubled: Option<i64>,
+    again: Vec<(i64, MavMessage)>,
     frames: bool,
     telemetry: bool,
     attitude: bool,
@@ -196,6 +199,8 @@ impl World {
             clock: 60 * SECOND,
             late: 5_000,
             waiting: Vec::new(),
+            doubled: None,
+            again: Vec::new(),
             frames: true,
             telemetry: true,
             attitude: true,
@@ -271,8 +276,12 @@ impl World {
             if self.telemetry {
                 self.telemetry();
             }
-            for (_, message) in self.waiting.extract_if(.., |(due, _)| *due <= self.now) {
+            for (_, message) in self.again.extract_if(.., |(due, _)| *due <= self.now) {
+                self.onboard.receive(1, &raw(self.system, &message), Trust::Open, self.now);
+            }
+            for (due, message) in self.waiting.extract_if(.., |(due, _)| *due <= self.now) {
                 self.onboard.receive(0, &raw(self.system, &message), Trust::Open, self.now);
+                self.again.extend(self.doubled.map(|delay| (due + delay, message)));
             }
             if self.now >= self.next_frame + LATENCY_US {
                 if self.frames {
@@ -336,6 +345,48 @@ fn an_autopilot_that_restarts_with_another_system_id() {
     assert!(recovered <= 5 * SECOND, "{recovered}");
     assert!(world.in_world());
     println!("other system id, followed {} ms later", recovered / 1000);
+}
+
+/// One that was away for longer than it takes to be called lost: whatever answers then is followed at once.
+#[test]
+fn an_autopilot_that_comes_back_under_another_id() {
+    let mut world = World::new();
+    world.fly(3.0);
+    world.telemetry = false;
+    world.fly(5.0);
+    assert!(world.onboard.component().autopilot().is_none() && !world.in_world());
+    (world.system, world.clock, world.telemetry) = (42, 2 * SECOND - world.now, true);
+    let back = world.now;
+    world.fly(4.0);
+    let followed = world.after(back, |id, m| id == 42 && matches!(m, MavMessage::HEARTBEAT(_)));
+    let followed = followed.expect("our heartbeat follows");
+    let reported = world.adsb(back).expect("traffic is reported again");
+    assert!(world.in_world() && followed.max(reported) <= 2 * SECOND, "{followed} {reported}");
+    println!("another system id after 5 s, followed {} ms later", followed / 1000);
+}
+
+/// Every message comes twice, over another link and later: as if it came once.
+#[test]
+fn doubled_streams() {
+    let count = |world: &World| {
+        let adsb = |(_, _, m): &&(i64, u8, MavMessage)| matches!(m, MavMessage::ADSB_VEHICLE(_));
+        world.said.iter().filter(adsb).count()
+    };
+    let mut once = World::new();
+    once.fly(10.0);
+    for delay in [0, 30_000, 400_000] {
+        let mut twice = World::new();
+        twice.doubled = Some(delay);
+        twice.fly(10.0);
+        assert!(twice.in_world());
+        let (one, two) = (count(&once), count(&twice));
+        assert!(one > 5 && one.abs_diff(two) <= 1, "{one} reports, {two} of doubled streams");
+        let north = |t: &[Traffic]| t[0].ned.is_none_or(|ned| ned.x.to_num::<f64>() > 0.999);
+        let there = twice.seen.iter().filter(|(_, traffic)| !traffic.is_empty());
+        assert!(there.clone().all(|(_, traffic)| north(traffic)), "wrong directions");
+        let warned = there.clone().any(|(_, t)| t.iter().any(|t| t.level > AlertLevel::Traffic));
+        assert!(!warned, "the other one keeps its distance");
+    }
 }
 
 #[test]

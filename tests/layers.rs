@@ -221,6 +221,29 @@ fn folders_import_lower_folders_only() {
 }
 
 #[test]
+fn every_dependency_has_its_reason() {
+    let read = |name: &str| fs::read_to_string(Path::new(ROOT).join(name)).unwrap();
+    let manifest = read("Cargo.toml");
+    let mut inside = false;
+    let mut wanted = BTreeSet::new();
+    for line in manifest.lines() {
+        if line.starts_with('[') {
+            inside = line.trim_end_matches(']').ends_with("dependencies");
+        } else if let Some((name, _)) = line.split_once(" = ").filter(|_| inside) {
+            wanted.insert(name);
+        }
+    }
+    assert!(wanted.len() > 30, "{wanted:?}");
+    let architecture = read("ARCHITECTURE.md");
+    let (_, text) = architecture.split_once("## Dependencies").unwrap();
+    let text = text.split("\n## ").next().unwrap();
+    let cells = text.lines().filter_map(|line| line.strip_prefix("| `")?.split('|').next());
+    let listed: BTreeSet<&str> =
+        cells.flat_map(|cell| cell.split(", ")).map(|n| n.trim().trim_matches('`')).collect();
+    assert_eq!(listed, wanted);
+}
+
+#[test]
 fn no_file_is_on_a_circle() {
     let found = circles(&imports(&Path::new(ROOT).join("src")));
     assert!(found.is_empty(), "on circles or above them: {}", found.join(", "));

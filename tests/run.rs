@@ -65,6 +65,15 @@ fn a_frozen_picture_is_told() {
     run.stop();
 }
 
+/// Whether a message is about traffic.
+fn warns(message: &MavMessage) -> bool {
+    match message {
+        MavMessage::STATUSTEXT(text) => text.text.to_str().unwrap().contains("VIS"),
+        MavMessage::ADSB_VEHICLE(_) | MavMessage::COLLISION(_) => true,
+        _ => false,
+    }
+}
+
 #[test]
 fn a_camera_that_is_gone_is_waited_for() {
     let mut ground = Ground::default();
@@ -79,8 +88,15 @@ fn a_camera_that_is_gone_is_waited_for() {
     run.faults.set(Fault::Unplugged);
     ground.wait_state(CRITICAL, 0);
     ground.wait_text("no pictures");
+    // Gone so long that the pauses between two attempts are the longest; nobody is warned of what was seen before.
+    let gone = ground.heard.len();
+    ground.beats(Duration::from_secs(4));
+    assert!(!ground.heard[gone..].iter().any(|(_, _, message)| warns(message)), "a stale warning");
     run.faults.set(Fault::None);
+    let back = Instant::now();
     ground.wait_state(ACTIVE, 0);
+    println!("camera back, watching {} ms later", back.elapsed().as_millis());
+    assert!(back.elapsed() < Duration::from_secs(3), "{:?}", back.elapsed());
     // There, but silent: opened again by itself.
     run.faults.set(Fault::Silent);
     ground.wait_state(CRITICAL, 0);

@@ -1,8 +1,8 @@
 //! Hours in seconds: many small frames at full speed, and the memory stays as it is.
 //!
-//! `LOOKOUT_SOAK=FRAMES LOOKOUT_SOAK_SIZE=WIDTHxHEIGHT cargo test --release --test soak -- --nocapture` runs the whole
-//! service, with links, recording and event log, for FRAMES frames: 300 of 64x48 by default. Alone in its program: the
-//! memory of a process is measured.
+//! `LOOKOUT_SOAK=1000000:64x48,100000:640x480 cargo test --release --test soak -- --nocapture` runs the whole service, with
+//! links, recording and event log, for so many frames of each size, one after the other: 300 of 64x48 by default, which is
+//! the size where none is given. Alone in its program: the memory of a process is measured.
 #![cfg(all(feature = "std", target_os = "linux"))]
 
 #[allow(dead_code, reason = "frames alone are drawn")]
@@ -30,21 +30,24 @@ fn files() -> usize {
     fs::read_dir("/proc/self/fd").unwrap().count()
 }
 
-fn size() -> (usize, usize) {
-    let text = env::var("LOOKOUT_SOAK_SIZE").unwrap_or("64x48".into());
-    let (width, height) = text.split_once('x').unwrap();
-    (width.parse().unwrap(), height.parse().unwrap())
-}
-
 #[test]
 fn memory_stays_flat() {
-    let wanted = env::var("LOOKOUT_SOAK").map_or(300u32, |text| text.parse().unwrap());
+    let runs = env::var("LOOKOUT_SOAK").unwrap_or("300".into());
+    for run in runs.split(',') {
+        let (frames, size) = run.split_once(':').unwrap_or((run, "64x48"));
+        let (width, height) = size.split_once('x').unwrap();
+        soak(frames.parse().unwrap(), (width.parse().unwrap(), height.parse().unwrap()));
+    }
+}
+
+/// Runs the service for `wanted` frames of this width and height.
+fn soak(wanted: u32, size: (usize, usize)) {
     let folder = tempfile::tempdir().unwrap();
     let mut ground = Ground::default();
     ground.socket.set_nonblocking(true).unwrap();
     let faults = Faults::default();
     // Faster than the detector, so that frames are left out as well.
-    let open = drawn(size(), Duration::from_millis(1), u32::MAX, &faults);
+    let open = drawn(size, Duration::from_millis(1), u32::MAX, &faults);
     let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let text = format!(
         "links = ['{}', 'udpin:127.0.0.1:{port}', 'tcpin:127.0.0.1:{port}']\nmodel = '{MODEL}'\nthreads = 1\n\
@@ -85,15 +88,17 @@ fn memory_stays_flat() {
     let (last, summary) = (resident(), run.stop());
     let (first, warm, warm_files) = (first.unwrap(), warm.unwrap(), warm_files.unwrap());
     println!(
-        "{} frames looked at, {} left out, {:.1} s; {first} kB at first, {warm} kB after a quarter, {most} kB at most \
+        "{}x{}: {} frames looked at, {} left out, {:.1} s; {first} kB at first, {warm} kB after a quarter, {most} kB at most \
          afterwards, {last} kB at last; {warm_files} files after a quarter, {most_files} at most",
+        size.0,
+        size.1,
         summary.frames,
         summary.dropped,
         start.elapsed().as_secs_f64()
     );
     assert!(summary.frames as f64 > f64::from(wanted) / 2.0, "{} frames", summary.frames);
     // The queue to the disk varies by some frames.
-    let frame = (size().0 * size().1 / 1024) as u64;
+    let frame = (size.0 * size.1 / 1024) as u64;
     assert!(most.saturating_sub(warm) < 1500 + 30 * frame, "{warm} kB grew to {most} kB");
     // The files of a segment that ends and of the one that begins, and a picture.
     assert!(most_files <= warm_files + 8, "{warm_files} files grew to {most_files}");

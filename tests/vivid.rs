@@ -9,6 +9,7 @@ mod golden;
 mod live;
 
 use live::{ACTIVE, CRITICAL, Ground};
+use lookout::mavlink::dialect::MavMessage;
 use lookout::shell::sources::Frame;
 use lookout::shell::sources::v4l2::{
     CameraSettings, DriverInfo, PixelFormat, V4l2Camera, V4l2Error,
@@ -16,7 +17,7 @@ use lookout::shell::sources::v4l2::{
 use lookout::shell::support::clock::now_us;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use std::{fs, io, thread};
@@ -338,12 +339,9 @@ fn a_camera_that_is_unplugged_comes_back() {
     next(&mut camera, &mut Frame::default());
 }
 
-#[test]
-fn the_program_watches_and_gets_over_an_unplugged_camera() {
-    let Some(vivid) = Vivid::find() else { return };
-    let mut ground = Ground::default();
-    let folder = tempfile::tempdir().unwrap();
-    let config = folder.path().join("lookout.toml");
+/// The program on this camera, its settings in `folder`.
+fn program(vivid: &Vivid, ground: &Ground, folder: &Path) -> Child {
+    let config = folder.join("lookout.toml");
     // A moving picture: one that stands still is a frozen camera.
     let text = format!(
         "source = 'v4l2:{}'\nlinks = ['{}']\nthreads = 1\n[camera]\nwidth = 320\nheight = 180\nrate = 5\n\
@@ -354,8 +352,34 @@ fn the_program_watches_and_gets_over_an_unplugged_camera() {
     );
     fs::write(&config, text).unwrap();
     let mut program = Command::new(env!("CARGO_BIN_EXE_lookout"));
-    let program = program.arg("run").arg("--config").arg(&config).stdout(Stdio::piped());
-    let program = program.spawn().unwrap();
+    program.arg("run").arg("--config").arg(&config).stdout(Stdio::piped()).spawn().unwrap()
+}
+
+#[test]
+fn a_second_instance_waits_for_the_camera() {
+    let Some(vivid) = Vivid::find() else { return };
+    let mut ground = Ground::default();
+    let folder = tempfile::tempdir().unwrap();
+    let first = vivid.reopen();
+    let mut second = program(&vivid, &ground, folder.path());
+    ground.wait("boot", |m| matches!(m, MavMessage::HEARTBEAT(h) if h.system_status as u8 == 1));
+    // Long enough for the longest pause between two attempts.
+    let (count, _) = ground.beats(Duration::from_secs(6));
+    assert!(count >= 3, "{count} heartbeats");
+    drop(first);
+    let free = Instant::now();
+    ground.wait_state(ACTIVE, 0);
+    eprintln!("camera free, watching {} ms later", free.elapsed().as_millis());
+    second.kill().unwrap();
+    second.wait().unwrap();
+}
+
+#[test]
+fn the_program_watches_and_gets_over_an_unplugged_camera() {
+    let Some(vivid) = Vivid::find() else { return };
+    let mut ground = Ground::default();
+    let folder = tempfile::tempdir().unwrap();
+    let program = program(&vivid, &ground, folder.path());
     ground.wait_state(ACTIVE, 0);
     if let Err(error) = bind("unbind") {
         eprintln!("the camera cannot be unplugged here: {error}");

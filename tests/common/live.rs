@@ -11,7 +11,7 @@ use lookout::shell::support::clock::now_us;
 use lookout::shell::support::interrupt::ServiceOrders;
 use mavlink_core::{MAVLinkV2MessageRaw, MavlinkVersion, Message};
 use std::fs;
-use std::net::UdpSocket;
+use std::net::{SocketAddr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
@@ -121,6 +121,8 @@ impl<S: LiveSource> LiveSource for FaultInjector<S> {
 /// Somebody who listens at a socket.
 pub struct Ground {
     pub socket: UdpSocket,
+    /// Where the last message came from.
+    pub from: Option<SocketAddr>,
     /// Everything heard, and when.
     pub heard: Vec<(Instant, Vec<u8>, MavMessage)>,
 }
@@ -129,7 +131,7 @@ impl Default for Ground {
     fn default() -> Self {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         socket.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
-        Self { socket, heard: Vec::new() }
+        Self { socket, from: None, heard: Vec::new() }
     }
 }
 
@@ -142,13 +144,21 @@ impl Ground {
     /// Hears the next message, if one comes soon.
     pub fn hear(&mut self) -> Option<&MavMessage> {
         let mut buffer = [0; 300];
-        let length = self.socket.recv(&mut buffer).ok()?;
+        let (length, from) = self.socket.recv_from(&mut buffer).ok()?;
+        self.from = Some(from);
         let mut raw = MAVLinkV2MessageRaw::new();
         raw.as_mut_slice()[..length].copy_from_slice(&buffer[..length]);
         assert!(raw.has_valid_crc::<MavMessage>(), "{:?}", &buffer[..length]);
         let message = MavMessage::parse(MavlinkVersion::V2, raw.message_id(), raw.payload());
         self.heard.push((Instant::now(), buffer[..length].to_vec(), message.unwrap()));
         self.heard.last().map(|heard| &heard.2)
+    }
+
+    /// Hears what has arrived, without waiting.
+    pub fn drain(&mut self) {
+        self.socket.set_nonblocking(true).unwrap();
+        while self.hear().is_some() {}
+        self.socket.set_nonblocking(false).unwrap();
     }
 
     /// Waits for a message.
@@ -186,6 +196,21 @@ impl Ground {
             }
         }
         (count, longest.max(last.elapsed()))
+    }
+
+    /// By how much the age of messages varied that bear a time, from the one heard as number `from` on: one that waited
+    /// somewhere, as in the queue of a link, is older than the others.
+    pub fn spread(&self, from: usize) -> Duration {
+        let start = self.heard.first().map(|heard| heard.0);
+        let ages = self.heard[from..].iter().filter_map(|(time, _, message)| match message {
+            MavMessage::NAMED_VALUE_FLOAT(value) => {
+                let heard = time.duration_since(start?).as_millis() as i64;
+                Some(heard - i64::from(value.time_boot_ms))
+            }
+            _ => None,
+        });
+        let (least, most) = ages.fold((i64::MAX, i64::MIN), |(a, b), age| (a.min(age), b.max(age)));
+        Duration::from_millis(most.saturating_sub(least).max(0) as u64)
     }
 
     /// Waits for a text with these words.

@@ -10,9 +10,12 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// The program with arguments, without settings of this environment.
+/// The program with arguments, without settings of this environment. LOOKOUT_PROGRAM names another one to be tested, as
+/// one of an earlier version.
 pub fn lookout(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_lookout"));
+    let program = std::env::var_os("LOOKOUT_PROGRAM");
+    let mut command =
+        Command::new(program.as_deref().unwrap_or(env!("CARGO_BIN_EXE_lookout").as_ref()));
     command.args(args).env_remove("LOOKOUT_LOG").env_remove("NOTIFY_SOCKET");
     command
 }
@@ -72,6 +75,18 @@ impl Service {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
         std::mem::replace(&mut self.folder, tempfile::tempdir().unwrap())
+    }
+
+    /// Resident memory, kilobytes, without the pages of files.
+    pub fn memory(&self) -> u64 {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
+        let line = status.lines().find(|line| line.starts_with("RssAnon:")).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    }
+
+    /// Number of open files.
+    pub fn files(&self) -> usize {
+        fs::read_dir(format!("/proc/{}/fd", self.child.id())).unwrap().count()
     }
 
     pub fn signal(&self, name: &str) {

@@ -49,8 +49,8 @@ fn can_mount() -> bool {
     can
 }
 
-/// A service with a disk of 3 MB at FOLDER/disk, and that disk as seen from outside.
-fn on_a_small_disk(ground: &Ground) -> (Service, PathBuf) {
+/// A service with a disk of 3 MB at FOLDER/disk, mounted `rw` or `ro`, and that disk as seen from outside.
+fn on_a_small_disk(ground: &Ground, how: &str) -> (Service, PathBuf) {
     let text = format!("record = 'FOLDER/disk/record'\n{}", settings(ground));
     let service = Service::start(&text, |command, folder| {
         let disk = folder.join("disk");
@@ -61,8 +61,8 @@ fn on_a_small_disk(ground: &Ground) -> (Service, PathBuf) {
             .collect();
         let run: Vec<std::ffi::OsString> = run;
         let mut inside = Command::new("unshare");
-        let mount = "mount -t tmpfs -o size=3m none \"$0\" && exec \"$@\"";
-        inside.args(["-Urm", "sh", "-c", mount]).arg(&disk).args(run);
+        let mount = format!("mount -t tmpfs -o size=3m,{how} none \"$0\" && exec \"$@\"");
+        inside.args(["-Urm", "sh", "-c", &mount]).arg(&disk).args(run);
         inside.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
         *command = inside;
     });
@@ -77,7 +77,7 @@ fn a_disk_that_is_full_for_seconds() {
         return;
     }
     let mut ground = Ground::default();
-    let (service, disk) = on_a_small_disk(&ground);
+    let (service, disk) = on_a_small_disk(&ground, "rw");
     ground.wait_state(ACTIVE, 0);
     steady(&mut ground, 2);
     let record = disk.join("record");
@@ -108,17 +108,43 @@ fn a_disk_that_is_full_for_seconds() {
 }
 
 #[test]
+fn a_read_only_disk() {
+    if !can_mount() {
+        return;
+    }
+    let mut ground = Ground::default();
+    let (service, disk) = on_a_small_disk(&ground, "ro");
+    ground.wait_text("recording stopped");
+    ground.wait_state(ACTIVE, 0);
+    service.wait_log("Read-only file system");
+    steady(&mut ground, 4);
+    let id = service.child.id().to_string();
+    let mut mount = Command::new("nsenter");
+    mount.args(["-t", &id, "-U", "--preserve-credentials", "-m", "mount", "-o", "remount,rw"]);
+    assert!(mount.arg(service.folder.path().join("disk")).status().unwrap().success());
+    let start = Instant::now();
+    ground.wait_text("recording goes on");
+    assert!(start.elapsed() < Duration::from_secs(3), "{:?}", start.elapsed());
+    steady(&mut ground, 2);
+    assert!(!listed(&disk.join("record")).is_empty());
+}
+
+#[test]
 fn a_small_disk_keeps_the_newest() {
     if !can_mount() {
         return;
     }
     let mut ground = Ground::default();
-    let (service, disk) = on_a_small_disk(&ground);
+    let (service, disk) = on_a_small_disk(&ground, "rw");
     ground.wait_state(ACTIVE, 0);
     let record = disk.join("record");
     // New segments, by new sizes of the picture, until the first has given way.
     let file = Service::config(&service.folder);
     let start = Instant::now();
+    while !record.join("000001").exists() {
+        assert!(start.elapsed() < Duration::from_secs(20));
+        thread::sleep(Duration::from_millis(50));
+    }
     let mut round = 0;
     while record.join("000001").exists() {
         assert!(start.elapsed() < Duration::from_secs(60));

@@ -2,9 +2,10 @@
 
 use crate::live::{ACTIVE, Ground};
 use crate::service::{Service, settings};
-use crate::steady;
-use lookout::mavlink::dialect::{HEARTBEAT_DATA, TIMESYNC_DATA};
+use crate::{free_port, steady};
+use lookout::mavlink::dialect::{HEARTBEAT_DATA, MavMessage, TIMESYNC_DATA};
 use lookout::mavlink::messages::{Payload, status};
+use mavlink_core::MavlinkReader;
 use std::fs;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -12,11 +13,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
-
-/// A port that nobody has; another may take it before we do, which the test then shows.
-fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
-}
 
 fn with_link(ground: &Ground, link: &str) -> String {
     settings(ground).replacen("links = [", &format!("links = ['{link}', "), 1)
@@ -85,6 +81,8 @@ fn input_without_pause(bytes: Vec<u8>, pause: Duration) {
     let count = received(&mut peer, Duration::from_secs(4));
     assert!(count > 400, "{count} bytes");
     steady(&mut ground, 2);
+    let (memory, files) = (service.memory(), service.files());
+    steady(&mut ground, 2);
     // Another link changes meanwhile: neither waits.
     let mut other = Ground::default();
     fs::write(Service::config(&service.folder), with_link(&other, &link)).unwrap();
@@ -94,6 +92,9 @@ fn input_without_pause(bytes: Vec<u8>, pause: Duration) {
     assert!(start.elapsed() < Duration::from_secs(3), "{:?}", start.elapsed());
     let count = received(&mut peer, Duration::from_secs(2));
     assert!(count > 100, "{count} bytes after the reload");
+    let after = (service.memory(), service.files());
+    assert!(after.0 < memory + 4000, "{memory} kB grew to {} kB", after.0);
+    assert!(after.1 <= files + 4, "{files} files grew to {}", after.1);
     service.signal("TERM");
     let start = Instant::now();
     let (status, _, err, _) = service.ended();
@@ -171,4 +172,132 @@ fn a_byte_opens_no_stream_and_nobody_is_shut_out() {
         assert!(other.recv(&mut buffer).is_err(), "an answer to one byte");
     }
     drop(service);
+}
+
+/// 50 MB/s of garbage in datagrams: the system drops most of them, whoever sends often enough is heard between.
+#[test]
+fn fifty_megabytes_a_second_of_datagrams() {
+    let mut ground = Ground::default();
+    let port = free_port();
+    let service =
+        Service::start(&with_link(&ground, &format!("udpin:127.0.0.1:{port}")), |_, _| {});
+    ground.wait_state(ACTIVE, 0);
+    steady(&mut ground, 1);
+    let memory = service.memory();
+    let stop = Arc::<AtomicBool>::default();
+    let stopped = stop.clone();
+    let flooding = thread::spawn(move || {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let bytes: Vec<_> =
+            (0..1400u32).map(|i| if i % 7 == 0 { 0xFD } else { ((i * 31) >> 3) as u8 }).collect();
+        let (start, mut sent) = (Instant::now(), 0u64);
+        while !stopped.load(Ordering::Relaxed) {
+            while start.elapsed().as_micros() as u64 * 50 > sent {
+                let _ = socket.send_to(&bytes, ("127.0.0.1", port));
+                sent += bytes.len() as u64;
+            }
+            thread::sleep(Duration::from_millis(1));
+        }
+        sent as f64 / start.elapsed().as_secs_f64()
+    });
+    let station = UdpSocket::bind("127.0.0.1:0").unwrap();
+    station.set_nonblocking(true).unwrap();
+    let (start, mut heard) = (Instant::now(), 0);
+    while start.elapsed() < Duration::from_secs(6) {
+        for _ in 0..100 {
+            let _ = station.send_to(&heartbeat(), ("127.0.0.1", port));
+            while station.recv(&mut [0; 300]).is_ok() {
+                heard += 1;
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+        steady(&mut ground, 1);
+    }
+    stop.store(true, Ordering::Relaxed);
+    let rate = flooding.join().unwrap();
+    println!("{:.0} MB/s sent, {heard} messages to the station", rate / 1e6);
+    assert!(heard >= 10, "{heard} messages to the station");
+    let after = service.memory();
+    assert!(after < memory + 4000, "{memory} kB grew to {after} kB");
+    service.signal("TERM");
+    assert_eq!(service.ended().0, Some(0));
+}
+
+#[test]
+fn a_link_that_vanishes_comes_back_without_old_messages() {
+    let mut ground = Ground::default();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let service = Service::start(&with_link(&ground, &format!("tcpout:{address}")), |_, _| {});
+    ground.wait_state(ACTIVE, 0);
+    let (mut peer, _) = listener.accept().unwrap();
+    assert!(received(&mut peer, Duration::from_secs(1)) > 0);
+    // Gone so long that the pauses between two attempts are the longest.
+    drop((peer, listener));
+    steady(&mut ground, 8);
+    let gone = ground.heard.len();
+    let listener = TcpListener::bind(address).unwrap();
+    let start = Instant::now();
+    let (mut peer, _) = listener.accept().unwrap();
+    let mut bytes = Vec::new();
+    peer.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+    let mut buffer = [0; 4096];
+    while bytes.is_empty() {
+        // Two seconds, and one for a machine that is busy with other tests; likewise below.
+        assert!(start.elapsed() < Duration::from_secs(3), "{:?}", start.elapsed());
+        let read = peer.read(&mut buffer).unwrap_or(0);
+        bytes.extend(&buffer[..read]);
+    }
+    let recovered = start.elapsed();
+    println!("link back, messages {} ms later", recovered.as_millis());
+    while start.elapsed() < Duration::from_secs(3) {
+        let read = peer.read(&mut buffer).unwrap_or(0);
+        bytes.extend(&buffer[..read]);
+    }
+    // The first that bears a time is of now: those of the other link have been as late since.
+    steady(&mut ground, 2);
+    let times = |message: &MavMessage| match message {
+        MavMessage::NAMED_VALUE_FLOAT(value) => Some(value.time_boot_ms),
+        _ => None,
+    };
+    let newest_before = ground.heard[..gone].iter().rev().find_map(|(_, _, m)| times(m)).unwrap();
+    let mut reader = MavlinkReader::new(&bytes[..]);
+    let mut first = None;
+    while let Ok((_, message)) = reader.read_any_message::<MavMessage>() {
+        first = first.or(times(&message));
+    }
+    let first = first.expect("a message with a time");
+    assert!(first + 1200 > newest_before, "{first} ms is older than {newest_before} ms");
+    service.signal("TERM");
+    assert_eq!(service.ended().0, Some(0));
+}
+
+#[test]
+fn a_second_instance_waits_for_the_port() {
+    let mut grounds = [Ground::default(), Ground::default()];
+    let port = free_port();
+    let link = format!("udpin:127.0.0.1:{port}");
+    let start = |ground: &mut Ground| {
+        let service = Service::start(&with_link(ground, &link), |_, _| {});
+        ground.wait_state(ACTIVE, 0);
+        service
+    };
+    let [first, second] = grounds.each_mut().map(start);
+    second.wait_log("Address already in use");
+    for ground in &mut grounds {
+        steady(ground, 4);
+    }
+    first.signal("TERM");
+    assert_eq!(first.ended().0, Some(0));
+    let station = UdpSocket::bind("127.0.0.1:0").unwrap();
+    station.connect(("127.0.0.1", port)).unwrap();
+    station.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+    let freed = Instant::now();
+    // Nobody listens there for a moment, of which the system reports.
+    while station.send(&heartbeat()).is_err() || station.recv(&mut [0; 300]).is_err() {
+        assert!(freed.elapsed() < Duration::from_secs(3), "the port is not taken over");
+        thread::sleep(Duration::from_millis(20));
+    }
+    println!("port free, taken over {} ms later", freed.elapsed().as_millis());
+    steady(&mut grounds[1], 2);
 }

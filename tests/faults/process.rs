@@ -3,10 +3,12 @@
 use crate::live::{ACTIVE, Faults, Ground, MODEL, PATIENCE, Run};
 use crate::service::{Service, lookout, settings};
 use crate::steady;
+use lookout::mavlink::dialect::MavMessage;
 use lookout::shell::live::source::{CaptureInfo, LiveError, LiveSource};
 use lookout::shell::sources::Frame;
 use std::fs::{self, File};
 use std::io;
+use std::os::unix::fs::FileExt;
 use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -114,6 +116,50 @@ fn a_source_that_hangs_can_be_ended() {
     let start = Instant::now();
     service.ended();
     assert!(start.elapsed() < Duration::from_secs(8), "{:?}", start.elapsed());
+}
+
+/// A file that is broken in the middle ends the program with a status; the ground is told of it, as of SIGTERM.
+#[test]
+fn the_end_is_announced() {
+    for broken in [true, false] {
+        let mut ground = Ground::default();
+        let text = settings(&ground);
+        let text =
+            if broken { text.replace("simulate:hover", "file:FOLDER/cut.y4m") } else { text };
+        let service = Service::start(&text, |_, folder| {
+            let frame = [&b"FRAME\n"[..], &[90; 160 * 120]].concat();
+            let stream = [b"YUV4MPEG2 W160 H120 F15:1 Cmono\n", &frame.repeat(30)[..]].concat();
+            fs::write(folder.join("cut.y4m"), &stream[..stream.len() - 99]).unwrap();
+        });
+        if !broken {
+            ground.wait_state(ACTIVE, 0);
+            service.signal("TERM");
+        }
+        ground.wait_text("ended, traffic is not watched");
+        let mut states = ground.heard.iter().filter_map(|(_, _, message)| match message {
+            MavMessage::HEARTBEAT(data) => Some(data.system_status as u8),
+            _ => None,
+        });
+        const POWEROFF: u8 = 7;
+        assert_eq!(states.next_back(), Some(POWEROFF));
+        assert_eq!(service.ended().0, Some(i32::from(broken)));
+    }
+}
+
+/// Where the service manager gives 512 MB, more would end and restart it for ever.
+#[test]
+fn frames_too_large_for_the_memory_are_refused() {
+    let ground = Ground::default();
+    let text = settings(&ground).replace("simulate:hover", "file:FOLDER/large.y4m");
+    let service = Service::start(&text, |_, folder| {
+        let file = File::create_new(folder.join("large.y4m")).unwrap();
+        let head = b"YUV4MPEG2 W8000 H6000 F5:1 Cmono\nFRAME\n";
+        file.write_all_at(head, 0).unwrap();
+        file.set_len(head.len() as u64 + 8000 * 6000).unwrap();
+    });
+    let (status, _, err, _) = service.ended();
+    assert_eq!(status, Some(1), "{err}");
+    assert!(err.contains("8000x6000: the detector would take 13"), "{err}");
 }
 
 #[test]

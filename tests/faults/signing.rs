@@ -1,5 +1,6 @@
 //! Signed frames that are played back, reordered, or not signed at all.
 
+use crate::link_to;
 use crate::live::{ACTIVE, Ground};
 use crate::service::{Service, settings};
 use lookout::mavlink::dialect::{MavMessage, MavParamType, PARAM_SET_DATA};
@@ -11,16 +12,17 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-const KEY: [u8; 32] = [0x5a; 32];
+pub const KEY: [u8; 32] = [0x5a; 32];
 
-fn prepare(folder: &Path) {
+/// Puts the key into a folder.
+pub fn prepare(folder: &Path) {
     let key = folder.join("key");
     fs::write(&key, "5a".repeat(32)).unwrap();
     fs::set_permissions(&key, fs::Permissions::from_mode(0o600)).unwrap();
 }
 
-/// PARAM_SET of the wingspan to the lookout, signed where there is a signature.
-fn set(value: f32, signing: Option<&mut Signing>) -> Vec<u8> {
+/// PARAM_SET of the wingspan to the lookout, signed as over this link where there is a signature.
+pub fn set(value: f32, signing: Option<(&mut Signing, u8)>) -> Vec<u8> {
     let data = PARAM_SET_DATA {
         param_value: value,
         target_system: 1,
@@ -29,18 +31,42 @@ fn set(value: f32, signing: Option<&mut Signing>) -> Vec<u8> {
         param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
     };
     let mut frame = Payload::new(&data).frame(255, 190, 0, signing.is_some());
-    if let Some(signing) = signing {
-        signing.sign(&mut frame, 1, signing::clock());
+    if let Some((signing, link)) = signing {
+        signing.sign(&mut frame, link, signing::clock());
     }
     frame.raw_bytes().into()
 }
 
+/// Time of the signature at the end of a frame, tens of microseconds since 2015.
+pub fn time(frame: &[u8]) -> u64 {
+    let mut stamp = [0; 8];
+    stamp[..6].copy_from_slice(&frame[frame.len() - 12..frame.len() - 6]);
+    u64::from_le_bytes(stamp)
+}
+
 /// Waits for the echo of a value.
-fn echoed(ground: &mut Ground, value: f32) {
+pub fn echoed(ground: &mut Ground, value: f32) {
     ground.wait(
         &format!("wingspan {value}"),
         |m| matches!(m, MavMessage::PARAM_VALUE(p) if p.param_value == value),
     );
+}
+
+/// Sends frames that must be refused, then a new one that sets `value`.
+fn only_the_last_is_taken(
+    ground: &mut Ground,
+    refused: &[&Vec<u8>],
+    value: f32,
+    peer: &mut Signing,
+) {
+    for frame in refused {
+        link_to(ground, frame);
+    }
+    let heard = ground.heard.len();
+    link_to(ground, &set(value, Some((peer, 1))));
+    echoed(ground, value);
+    let echoes = ground.heard[heard..].iter().filter(|h| matches!(h.2, MavMessage::PARAM_VALUE(_)));
+    assert_eq!(echoes.count(), 1, "only the new one was taken");
 }
 
 #[test]
@@ -54,48 +80,33 @@ fn a_restart_makes_no_old_command_valid() {
     let service = Service::start(&text, |_, folder| prepare(folder));
     ground.wait_state(ACTIVE, 0);
     let mut theirs = Signing::new(KEY, None, signing::clock()).unwrap();
-    let frames = [3.0, 2.0].map(|value| (value, set(value, Some(&mut theirs))));
-    // Where the lookout listens is where it speaks from.
-    let send = |ground: &mut Ground, bytes: &[u8]| {
-        let (_, address) = loop {
-            if let Ok(heard) = ground.socket.recv_from(&mut [0; 300]) {
-                break heard;
-            }
-        };
-        ground.socket.send_to(bytes, address).unwrap();
-    };
+    let frames = [3.0, 2.0].map(|value| (value, set(value, Some((&mut theirs, 1)))));
     for (value, frame) in &frames {
-        send(&mut ground, frame);
+        link_to(&mut ground, frame);
         echoed(&mut ground, *value);
     }
     let unsigned = set(9.0, None);
-    send(&mut ground, &unsigned);
+    // Repeated, and in another order.
+    only_the_last_is_taken(&mut ground, &[&frames[1].1, &frames[0].1, &unsigned], 2.5, &mut theirs);
     // Kept within moments, by a thread.
     let file = service.folder.path().join("parameters");
     let kept = |file: &Path| fs::read_to_string(file).unwrap_or_default();
     let start = Instant::now();
-    while !kept(&file).contains("LK_WINGSPAN 2\n") {
+    while !kept(&file).contains("LK_WINGSPAN 2.5\n") {
         assert!(start.elapsed() < Duration::from_secs(10), "{}", kept(&file));
     }
-    let newest = &frames[1].1;
-    let mut stamp = [0; 8];
-    stamp[..6].copy_from_slice(&newest[newest.len() - 12..newest.len() - 6]);
-    let line = format!("255 190 1 {}\n", u64::from_le_bytes(stamp));
-    while !kept(&service.folder.path().join("key.time")).contains(&line) {
+    let newest = time(&frames[1].1);
+    let is_known = |line: &str| {
+        let time = line.strip_prefix("255 190 1 ").and_then(|time| time.parse::<u64>().ok());
+        time.is_some_and(|time| time > newest)
+    };
+    while !kept(&service.folder.path().join("key.time")).lines().any(is_known) {
         assert!(start.elapsed() < Duration::from_secs(10));
     }
     let folder = service.kill();
     let service = Service::start_in(folder, &text, |_, _| {});
     ground.wait_state(ACTIVE, 0);
-    for frame in frames.iter().map(|(_, frame)| frame).chain([&unsigned]) {
-        send(&mut ground, frame);
-    }
-    let mark = set(4.0, Some(&mut theirs));
-    send(&mut ground, &mark);
-    let heard = ground.heard.len();
-    echoed(&mut ground, 4.0);
-    let echoes = ground.heard[heard..].iter().filter(|h| matches!(h.2, MavMessage::PARAM_VALUE(_)));
-    assert_eq!(echoes.count(), 1, "only the new one was taken");
+    only_the_last_is_taken(&mut ground, &[&frames[0].1, &frames[1].1, &unsigned], 4.0, &mut theirs);
     drop(service);
 }
 
