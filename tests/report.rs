@@ -1,7 +1,12 @@
 //! The built program's report: the page, the figures, bad input.
 #![cfg(feature = "std")]
 
-use serde_json::Value;
+#[allow(dead_code, reason = "every test binary uses a part of it")]
+#[path = "preview/browser.rs"]
+mod browser;
+
+use browser::Browser;
+use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -94,6 +99,7 @@ fn external(folder: &TempDir) -> String {
 struct Made {
     data: String,
     out: String,
+    report: String,
     other: String,
     json: Value,
     html: String,
@@ -110,7 +116,7 @@ fn made() -> Made {
     let read = |name: &str| fs::read_to_string(Path::new(&report).join(name)).unwrap();
     let json = serde_json::from_str(&read("report.json")).unwrap();
     let html = read("report.html");
-    Made { data, out, other, json, html, _folder: folder }
+    Made { data, out, report, other, json, html, _folder: folder }
 }
 
 #[test]
@@ -226,6 +232,32 @@ fn the_page_stands_alone() {
     let strips = |name: &str| json[name].as_array().unwrap().len();
     assert_eq!(html.matches("<img ").count(), strips("misses") + strips("false_alarms"));
     assert!(!html.contains("NaN") && !html.contains(">inf"));
+}
+
+/// On a phone and on a desktop: no cell ends beyond the edge, no heading has five lines.
+#[test]
+fn the_page_fits_its_screen() {
+    let Some(mut browser) = Browser::start() else { return };
+    let Made { report, _folder, .. } = made();
+    browser.screen(390, 844, true, "light");
+    browser.open(&format!("file://{report}/report.html"));
+    for (width, height, phone) in [(390, 844, true), (360, 640, true), (1280, 800, false)] {
+        browser.screen(width, height, phone, "light");
+        browser.until("innerWidth", width);
+        let picture = format!("{}/report-{width}.png", env!("CARGO_TARGET_TMPDIR"));
+        browser.photograph(Path::new(&picture));
+        let wider = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
+        assert_eq!(browser.value(wider), 0, "{width}: wider than the screen");
+        let cut = r#"[...document.querySelectorAll("td, th, p, h2, h3, figure")]
+            .filter((e) => e.getClientRects().length && e.getBoundingClientRect().right > document.documentElement.clientWidth + 1)
+            .map((e) => e.outerHTML.slice(0, 200))"#;
+        assert_eq!(browser.value(cut), json!([]), "{width}: cut off");
+        let high = r#"[...document.querySelectorAll("th, h2, h3")]
+            .filter((e) => e.getClientRects().length && e.getBoundingClientRect().height > 4.6 * parseFloat(getComputedStyle(e).lineHeight))
+            .map((e) => e.innerText)"#;
+        assert_eq!(browser.value(high), json!([]), "{width}: headings of many lines");
+        assert!(browser.value("document.querySelectorAll('td').length").as_u64().unwrap() > 50);
+    }
 }
 
 #[test]

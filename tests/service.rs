@@ -71,6 +71,48 @@ fn the_boards_settings_are_valid_and_explained() {
     assert_eq!(lookout(&["run"]).output().unwrap().status.code(), Some(2));
 }
 
+/// Two commands for each of five kinds of cameras and three stations; every one is understood, every file is there.
+#[test]
+fn the_commands_of_the_readme_are_understood() {
+    let readme = include_str!("../README.md");
+    let section = readme.split("### Connect your camera").nth(1).unwrap();
+    let section = section.split("\n## ").next().unwrap();
+    let mut counts = std::collections::BTreeMap::new();
+    for line in section.lines().filter(|line| line.starts_with("lookout ")) {
+        let line = line.split('#').next().unwrap().replace("BOARD", "127.0.0.1");
+        let line = line.replace(" lookout.toml", " boards/linux/companion.toml");
+        let mut words: Vec<&str> = line.split_whitespace().skip(1).collect();
+        let verb = words[0];
+        *counts.entry(verb.to_owned()).or_insert(0) += 1;
+        let wanted = match verb {
+            "run" => {
+                words.push("--print-config");
+                0
+            }
+            // Nobody is there: that is the answer, after a second.
+            "params" => {
+                words.extend(["--seconds", "1"]);
+                1
+            }
+            "doctor" => match words.iter().position(|word| *word == "--config") {
+                // Some of these wait for an address that is not in this network: the settings are enough.
+                Some(at) => {
+                    words = vec!["run", "--config", words[at + 1], "--print-config"];
+                    0
+                }
+                None => continue,
+            },
+            _ => panic!("{line}"),
+        };
+        let output = { lookout(&words) }.current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(wanted), "{line}: {said}");
+    }
+    let counts: Vec<_> = counts.iter().map(|(verb, count)| (verb.as_str(), *count)).collect();
+    assert_eq!(counts, [("doctor", 5), ("params", 2), ("run", 8)]);
+    assert!(section.contains("\nmavproxy.py --master=udpin:"));
+}
+
 #[test]
 fn it_ends_by_sigterm_with_everything_whole() {
     let mut ground = Ground::default();

@@ -276,6 +276,10 @@ fn examples() -> Vec<PathBuf> {
     listed(Path::new(folder)).into_iter().filter(is_settings).collect()
 }
 
+fn example(file: &str) -> String {
+    fs::read_to_string(examples().into_iter().find(|path| path.ends_with(file)).unwrap()).unwrap()
+}
+
 #[test]
 fn the_examples_are_valid_and_explained() {
     let readme = concat!(env!("CARGO_MANIFEST_DIR"), "/boards/linux/cameras/README.md");
@@ -306,9 +310,8 @@ fn the_pipelines_of_the_examples_run() {
             vec![("(memory:NVMM)", ""), ("nvvidconv", "videoconvertscale")],
         ),
     ] {
-        let path = examples().into_iter().find(|path| path.ends_with(file)).unwrap();
-        let mut text = fs::read_to_string(path).unwrap();
         let mut ground = Ground::default();
+        let mut text = example(file);
         text = text.replace(&format!("\"{camera}\""), "\"videotestsrc\", \"is-live=true\"");
         for (from, to) in other {
             assert!(text.contains(from), "{from}");
@@ -330,15 +333,72 @@ fn the_pipelines_of_the_examples_run() {
     assert_eq!(count, 2);
 }
 
+/// The examples of network cameras, with the address of a real server in the place of the camera's.
+#[test]
+fn the_network_cameras_of_the_examples_run() {
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let Some(_server) = Server::start(port) else { return };
+    if !has("ffmpeg") {
+        return;
+    }
+    for (file, address, size) in [
+        ("siyi.toml", "192.168.144.25:8554/main.264", "width=640 height=360"),
+        ("herelink.toml", "192.168.43.1:8554/fpv_stream", "width=640 height=360"),
+        ("mavlink-camera-manager.toml", "127.0.0.1:8554/video_stream_0", "width=640 height=360"),
+        ("mediamtx.toml", "127.0.0.1:8554/cam", "width=640 height=360"),
+    ] {
+        let mut text = example(file);
+        let mut ground = Ground::default();
+        for (from, to) in [
+            (format!("rtsp://{address}"), format!("rtsp://127.0.0.1:{port}/cam")),
+            ("serial:/dev/lookout-autopilot:921600".into(), ground.link()),
+            ("udpout:127.0.0.1:14550".into(), ground.link()),
+        ] {
+            text = text.replace(&from, &to);
+        }
+        assert!(text.contains(&format!(":{port}/cam")), "{file}: {text}");
+        let service = Service::start(&format!("model = '{MODEL}'\nthreads = 1\n{text}"), |_, _| {});
+        service.wait_log(size);
+        ground.wait(
+            "a frame was looked at",
+            |m| matches!(m, MavMessage::HEARTBEAT(h) if h.system_status as u8 >= ACTIVE),
+        );
+        service.signal("TERM");
+        let (status, out, err, _) = service.ended();
+        assert_eq!(status, Some(0), "{file}: {err}");
+        // The latency that the example gives is in the age of its frames.
+        let given = text.split("latency_ms = ").nth(1).unwrap();
+        let given: f64 = given.lines().next().unwrap().parse().unwrap();
+        assert!(median(&out, "exposure to detector") >= given, "{file}: {out}");
+    }
+}
+
+/// Debian's own `libcamerasrc`, unchanged, where no camera is: what it says is the reason that is given.
+#[test]
+fn libcamera_without_a_camera_says_so() {
+    let found = Command::new("gst-inspect-1.0").arg("libcamerasrc").stdout(Stdio::null()).status();
+    if !found.is_ok_and(|status| status.success()) {
+        eprintln!("skipped: gstreamer1.0-libcamera is not installed");
+        return;
+    }
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/boards/linux/cameras/pi-csi-gstreamer.toml");
+    let output = lookout(&["doctor", "--config", path, "--seconds", "1"]).output().unwrap();
+    if output.status.success() {
+        // There is one.
+        return;
+    }
+    let text = String::from_utf8(output.stderr).unwrap();
+    let last = text.lines().last().unwrap_or_default();
+    assert!(last.contains("it said: ERROR") && last.contains("supported camera"), "{text}");
+}
+
 /// The program of Raspberry Pi's camera, as far as lookout sees of it: bare frames, here by another program.
 #[test]
 fn bare_frames_are_taken_as_the_settings_say() {
     if !has("ffmpeg") {
         return;
     }
-    let text =
-        fs::read_to_string(examples().into_iter().find(|p| p.ends_with("pi-csi.toml")).unwrap())
-            .unwrap();
+    let text = example("pi-csi.toml");
     let (head, rest) = text.split_once("source = ").unwrap();
     let (_, rest) = rest.split_once("], raw").unwrap();
     let producer = "\"ffmpeg\", \"-nostdin\", \"-v\", \"error\", \"-re\", \"-f\", \"lavfi\", \"-i\", \

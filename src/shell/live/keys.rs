@@ -88,7 +88,7 @@ pub const KEYS: &[Key] = &[
         unit: "",
         default: "196",
         reload: false,
-        about: "MAVLink component id: 196 obstacle avoidance, 191 onboard computer.",
+        about: "MAVLink component id: 196 obstacle avoidance, 191 onboard computer. A second lookout on the same vehicle needs another, 197 say: the ids of its traffic follow from it.",
     },
     Key {
         name: "heartbeat_type",

@@ -293,6 +293,8 @@ impl<'a> Service<'a> {
 
     /// Updates log, service manager and page.
     fn tick(&mut self) {
+        // Also what happens while nothing is heard: the autopilot's loss.
+        telemetry::log_events(&mut self.onboard);
         let state = self.onboard.component().state();
         if state != self.state {
             self.state = state;

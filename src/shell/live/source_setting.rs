@@ -87,6 +87,9 @@ impl std::str::FromStr for SourceSetting {
     type Err = SourceSettingError;
 
     fn from_str(text: &str) -> Result<Self, SourceSettingError> {
+        if text.starts_with("/dev/video") {
+            return Ok(Self::Camera(text.into()));
+        }
         match text.split_once(':') {
             Some(("v4l2", path)) if !path.is_empty() => Ok(Self::Camera(path.into())),
             Some(("file", path)) if path == "-" || path.contains("://") => {
@@ -167,6 +170,7 @@ mod tests {
         let text = |text: &str| String::from(text);
         for (value, wanted, shown) in [
             ("'v4l2:/dev/video0'", SourceSetting::Camera("/dev/video0".into()), "v4l2:/dev/video0"),
+            ("'/dev/video1'", SourceSetting::Camera("/dev/video1".into()), "v4l2:/dev/video1"),
             ("'file:a:b.mp4'", SourceSetting::File("a:b.mp4".into()), "file:a:b.mp4"),
             ("'simulate:hover'", SourceSetting::Simulated(Manoeuvre::Hover), "simulate:hover"),
             (

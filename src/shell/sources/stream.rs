@@ -23,6 +23,9 @@ use std::vec::Vec;
 /// Timeout of the first frame: programs start, connect, and wait for a key frame (some cameras send one in 10 s).
 const FIRST_FRAME: Duration = Duration::from_secs(15);
 
+/// A line that names an error explains the end of a program that ends within this time, whatever it says after.
+const EXPLAINS: Duration = Duration::from_secs(2);
+
 /// Lines of the program's standard error that are logged in [`LOG_SPAN`]; more are counted only.
 const LOG_LINES: u32 = 20;
 /// See [`LOG_LINES`].
@@ -64,7 +67,7 @@ pub enum StreamError {
         program: String,
         /// Time without a frame.
         after: Duration,
-        /// The last line of its standard error, empty if none.
+        /// The line of its standard error that explains it best, empty if none.
         last: String,
     },
     /// The program ended, or sent something else than frames.
@@ -74,7 +77,7 @@ pub enum StreamError {
         program: String,
         /// Its exit status, or what is wrong with what it sent.
         reason: String,
-        /// The last line of its standard error, empty if none.
+        /// The line of its standard error that explains it best, empty if none.
         last: String,
     },
 }
@@ -99,7 +102,29 @@ struct FrameSlot {
 struct StreamShared {
     slot: Mutex<FrameSlot>,
     changed: Condvar,
-    last_line: Mutex<String>,
+    complaint: Mutex<Complaint>,
+}
+
+/// The line of a program's standard error that explains its end best: the first one of its last seconds that names an
+/// error, else the last one. GStreamer, for one, says first that there is no camera, then that its pipeline has not
+/// started.
+#[derive(Debug, Default)]
+struct Complaint {
+    line: String,
+    /// When a line that names an error came.
+    error: Option<Instant>,
+}
+
+impl Complaint {
+    fn add(&mut self, line: String, now: Instant) {
+        let holds = self.error.is_some_and(|at| now.saturating_duration_since(at) <= EXPLAINS);
+        if !holds {
+            let lower = line.to_lowercase();
+            let names_one = ["error", "failed", "could not", "cannot"];
+            self.error = names_one.iter().any(|word| lower.contains(word)).then_some(now);
+            self.line = line;
+        }
+    }
 }
 
 /// A running program that writes frames. Dropped, its process group ends.
@@ -133,7 +158,7 @@ impl ProgramStream {
                 Some(header) => Ok(Y4m::with_header(reader, &program, header)),
                 None => Y4m::new(reader, &program),
             };
-            read(frames, latency_us, &to);
+            read(frames, latency_us, &program, &to);
         });
         Ok(Self { settings, process, shared, since: Instant::now(), any: false })
     }
@@ -162,18 +187,18 @@ impl ProgramStream {
         if let Some(reason) = ended {
             // Its exit status, unless it goes on with its output closed: then it is ended.
             let status = self.process.end().map_err(|error| error.to_string());
-            let last = self.last_line();
+            let last = self.complaint();
             return Err(StreamError::Ended { program, reason: words(reason, status), last });
         }
         let allowed = if self.any { self.settings.timeout } else { FIRST_FRAME };
         if self.since.elapsed() >= allowed {
-            return Err(StreamError::Silent { program, after: allowed, last: self.last_line() });
+            return Err(StreamError::Silent { program, after: allowed, last: self.complaint() });
         }
         Err(StreamError::Timeout)
     }
 
-    fn last_line(&self) -> String {
-        self.shared.last_line.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    fn complaint(&self) -> String {
+        self.shared.complaint.lock().unwrap_or_else(PoisonError::into_inner).line.clone()
     }
 }
 
@@ -193,6 +218,7 @@ fn words(reason: Option<String>, status: Result<ExitStatus, String>) -> String {
 fn read(
     frames: Result<Y4m<BufReader<ChildStdout>>, SourceError>,
     latency_us: i64,
+    program: &str,
     to: &StreamShared,
 ) {
     let mut next = Frame::default();
@@ -212,12 +238,33 @@ fn read(
         Ok(())
     });
     let mut slot = to.slot.lock().unwrap_or_else(PoisonError::into_inner);
-    slot.ended = Some(ended.err().map(|error| error.to_string()));
+    // Readers name their file, which is the program here; it is named once.
+    let reason = |error: SourceError| {
+        let text = error.to_string();
+        text.strip_prefix(&format!("{program}: ")).map(String::from).unwrap_or(text)
+    };
+    slot.ended = Some(ended.err().map(reason));
     drop(slot);
     to.changed.notify_one();
 }
 
-/// Logs lines of the program's standard error, less `secret`, and keeps the last one.
+/// Text of a terminal without its colours and other escape sequences.
+fn plain(line: &str) -> String {
+    let mut text = String::new();
+    let mut rest = line.chars();
+    while let Some(letter) = rest.next() {
+        if letter == '\u{1b}' && rest.as_str().starts_with('[') {
+            // Parameters, then a final letter (ECMA-48, 5.4).
+            rest.next();
+            rest.by_ref().find(|letter| ('@'..='~').contains(letter));
+        } else if !letter.is_control() || letter == '\t' {
+            text.push(letter);
+        }
+    }
+    text
+}
+
+/// Logs lines of the program's standard error, less `secret`, and keeps the one that explains its end.
 fn logger(
     program: String,
     secret: Option<String>,
@@ -225,9 +272,10 @@ fn logger(
 ) -> Box<dyn FnMut(&str) + Send> {
     let (mut begun, mut lines) = (Instant::now(), 0);
     Box::new(move |line: &str| {
+        let line = plain(line);
         let line = match &secret {
             Some(secret) => line.replace(secret.as_str(), "***"),
-            None => line.to_string(),
+            None => line,
         };
         if begun.elapsed() > LOG_SPAN {
             if lines > LOG_LINES {
@@ -239,7 +287,7 @@ fn logger(
         if lines <= LOG_LINES {
             tracing::warn!("{program}: {line}");
         }
-        *shared.last_line.lock().unwrap_or_else(PoisonError::into_inner) = line;
+        shared.complaint.lock().unwrap_or_else(PoisonError::into_inner).add(line, Instant::now());
     })
 }
 
@@ -286,6 +334,29 @@ mod tests {
     }
 
     #[test]
+    fn the_first_error_explains_the_end() {
+        let said = |lines: &[(u64, &str)]| {
+            let start = Instant::now();
+            let mut complaint = Complaint::default();
+            for (ms, line) in lines {
+                complaint.add((*line).into(), start + Duration::from_millis(*ms));
+            }
+            complaint.line
+        };
+        let camera = "ERROR: from element libcamerasrc0: Could not find any supported camera";
+        let after = "Failed to set pipeline to PAUSED.";
+        assert_eq!(
+            said(&[(0, "version 1"), (5, camera), (6, "cameras() is empty"), (7, after)]),
+            camera
+        );
+        assert_eq!(said(&[(0, camera), (9000, after)]), after);
+        assert_eq!(said(&[(0, "one"), (1, "two")]), "two");
+        let colours = "\u{1b}[1;33m WARN \u{1b}[0mNo IPA\u{7} found\u{1b}";
+        assert_eq!(plain(colours), " WARN No IPA found");
+        assert_eq!(plain("\u{1b}["), "");
+    }
+
+    #[test]
     fn an_end_names_its_reason_and_no_password() {
         let mut frame = Frame::default();
         for (script, wanted) in [
@@ -306,6 +377,7 @@ mod tests {
                 }
             };
             assert!(error.contains(wanted) && !error.contains("pass"), "{script}: {error}");
+            assert!(!error.contains("sh: sh:"), "{script}: {error}");
         }
         let command = ["no-such-program"].map(OsString::from).into();
         let error = ProgramStream::start(StreamSettings { command, ..settings("") }).unwrap_err();
