@@ -338,6 +338,30 @@ fn weak_detections_alone_confirm_nothing() {
     }
 }
 
+/// An aircraft that reports its own position in the direction of a track makes it surer.
+#[test]
+fn evidence_from_elsewhere_confirms_a_weak_track() {
+    let Settings { track: scores, .. } = Settings::default();
+    let between = (scores.start_score + scores.confirm_score) / 2;
+    let confirmed = |supported: u16| {
+        let (mut watch, mut attitudes) =
+            (Watch::new(Settings::default(), camera()), Attitudes::new());
+        (0..60).any(|frame| {
+            let (time, time_us) = (frame as f64 / 30.0, frame as i64 * FRAME_US);
+            attitudes.push(time_us, attitude(time));
+            watch.support([supported].into_iter());
+            let found =
+                Detection { score: between, frame_score: between, ..HOVER.detection(frame) };
+            let traffic =
+                watch.update(&[found], time_us, &background(time, 1.0 / 30.0), &attitudes);
+            assert!(traffic.iter().all(|track| track.id == 1), "{traffic:?}");
+            traffic.iter().any(|track| track.confirmed)
+        })
+    };
+    assert!(confirmed(1));
+    assert!(!confirmed(2), "the evidence was for another track");
+}
+
 #[test]
 fn a_part_of_what_is_known_is_no_object() {
     let encounter = Encounter { start: [20.0, 1.0, -1.0], velocity: [0.0, 0.5, 0.1], span: 1.5 };

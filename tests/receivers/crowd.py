@@ -8,6 +8,7 @@ The second lookout's camera is on the gimbal.
 import math
 import os
 import pathlib
+import re
 import select
 import socket
 import subprocess
@@ -100,11 +101,10 @@ def start_lookout(folder, component):
 
 def start_mavproxy(folder):
     program = pathlib.Path(sys.executable).parent / "mavproxy.py"
-    # Without the vehicle's system MAVProxy takes the one that it hears first, which may be the station's.
+    # With the vehicle's system it does not lock to the autopilot's component, and shows the texts of others: README.md says so.
     words = [f"--master=udpout:127.0.0.1:{PLACE}", f"--target-system={VEHICLE}", "--default-modules=", "--daemon", f"--state-basedir={folder}"]
     log = open(folder / "mavproxy.log", "w")
-    # Texts of other components than the autopilot are shown after `set target_component 0`, which a daemon is not told.
-    words += ["--cmd=module load adsb"]
+    words += ["--load-module=adsb"]
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     return subprocess.Popen([sys.executable, program, *words], stdout=log, stderr=log, stdin=subprocess.DEVNULL, cwd=folder, env=environment)
 
@@ -168,6 +168,9 @@ def check(folder):
             found = lambda: [t for t, m in net.of("STATUSTEXT", component, back) if "is back" in m.text]  # noqa: E731
             net.until(found, 5, "autopilot is back")
         results.append(f"loss said after {took:.1f} s")
+        for words in ("autopilot lost", "is back"):
+            shown = lambda: re.search(rf"^AP: .*{words}", (folder / "mavproxy.log").read_text(errors="replace"), re.M)  # noqa: E731, B023
+            net.until(shown, 5, f"MAVProxy shows '{words}'")
         # The echo of our own traffic by an autopilot confirms nothing and is not taken for an aircraft.
         return "; ".join(results)
     finally:

@@ -41,6 +41,18 @@ def check_enum(enum):
     assert not missing, (enum.get("name"), missing)
 
 
+def check_types():
+    """The table of heartbeat.rs has every MAV_TYPE that pymavlink knows, under its number."""
+    table = (SOURCE / "component" / "heartbeat.rs").read_text().partition("const TYPES")[2].partition("];")[0]
+    ours = dict(enumerate(re.findall(r'\("([A-Z0-9_]+)", (?:true|false)\)', table)))
+    theirs = {number: entry.name.removeprefix("MAV_TYPE_") for number, entry in mavlink.enums["MAV_TYPE"].items()}
+    # Some kinds of VTOL have other names in ArduPilot's definitions.
+    same = lambda a, b: a == b or a.startswith("VTOL_") and str(b).startswith("VTOL_")  # noqa: E731
+    wrong = {n: name for n, name in theirs.items() if name != "ENUM_END" and not same(name, ours.get(n))}
+    assert not wrong and len(theirs) > 45, wrong
+    return len(theirs) - 1
+
+
 def main():
     dialect = ElementTree.parse(SOURCE / "dialect.xml").getroot()
     messages, absent = [], []
@@ -62,7 +74,7 @@ def main():
     print(
         f"dialect: {len(messages)} messages ({younger} fields younger than pymavlink's), {len(enums)} enumerations, "
         f"not known to pymavlink: {', '.join(message.get('name') for message in absent)}; "
-        f"{len(both)} of {len(extra)} CRC_EXTRA as in pymavlink"
+        f"{len(both)} of {len(extra)} CRC_EXTRA as in pymavlink; {check_types()} kinds of heartbeats"
     )
 
 
