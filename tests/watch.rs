@@ -341,11 +341,11 @@ fn weak_detections_alone_confirm_nothing() {
 /// An aircraft that reports its own position in the direction of a track makes it surer.
 #[test]
 fn evidence_from_elsewhere_confirms_a_weak_track() {
-    let Settings { track: scores, .. } = Settings::default();
+    let TrafficSettings { track: scores, .. } = TrafficSettings::default();
     let between = (scores.start_score + scores.confirm_score) / 2;
     let confirmed = |supported: u16| {
         let (mut watch, mut attitudes) =
-            (Watch::new(Settings::default(), camera()), Attitudes::new());
+            (TrafficMonitor::new(TrafficSettings::default(), camera()), AttitudeBuffer::new());
         (0..60).any(|frame| {
             let (time, time_us) = (frame as f64 / 30.0, frame as i64 * FRAME_US);
             attitudes.push(time_us, attitude(time));
