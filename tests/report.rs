@@ -234,7 +234,7 @@ fn the_page_stands_alone() {
     assert!(!html.contains("NaN") && !html.contains(">inf"));
 }
 
-/// On a phone and on a desktop: no cell ends beyond the edge, no heading has six lines.
+/// On a phone and on a desktop: no cell ends beyond the edge, no heading has five lines.
 #[test]
 fn the_page_fits_its_screen() {
     let Some(mut browser) = Browser::start() else { return };
@@ -253,7 +253,7 @@ fn the_page_fits_its_screen() {
             .map((e) => e.outerHTML.slice(0, 200))"#;
         assert_eq!(browser.value(cut), json!([]), "{width}: cut off");
         let high = r#"[...document.querySelectorAll("th, h2, h3")]
-            .filter((e) => e.getClientRects().length && e.getBoundingClientRect().height > 5.6 * parseFloat(getComputedStyle(e).lineHeight))
+            .filter((e) => e.getClientRects().length && e.getBoundingClientRect().height > 4.6 * parseFloat(getComputedStyle(e).lineHeight))
             .map((e) => e.innerText)"#;
         assert_eq!(browser.value(high), json!([]), "{width}: headings of many lines");
         assert!(browser.value("document.querySelectorAll('td').length").as_u64().unwrap() > 50);

@@ -248,8 +248,8 @@ fn operating_points(figures: &ReportFigures) -> String {
         "False alarms",
         "False alarms per hour",
         "Detections on birds",
-        "Detections on birds per 1000 bird boxes",
-        "False alarms in clips without a target",
+        "The same per 1000 bird boxes",
+        "False alarms without a target",
         "The same per hour",
     ];
     let rows = figures.methods.iter().flat_map(|method| {
