@@ -606,7 +606,8 @@ def parameters_by_the_program():
     try:
         link = f"--link=udpout:127.0.0.1:{port}"
         time.sleep(1)
-        lookout("params", "set", "LK_WINGSPAN", "2.5", link)
+        # The service may start late where other checks take the processors.
+        lookout("params", "set", "LK_WINGSPAN", "2.5", link, "--seconds=30")
         out, _ = lookout("params", "get", link)
         assert "LK_WINGSPAN 2.5" in out and len(out.splitlines()) >= 12, out
         _, err = lookout("params", "get", "LK_NOSUCH", link, ok=False)
