@@ -108,6 +108,14 @@ impl Aircraft {
     }
 }
 
+/// The angle of a heading of ADSB_VEHICLE: hundredths of a degree clockwise from north, at most 35999.
+fn course(heading: u16) -> i32 {
+    let east = i32::from(heading.min(35_999));
+    // Beyond half a turn the other way round: 10^-7 degrees of a whole turn are more than 32 bits hold.
+    let turn = if east > 18_000 { east - 36_000 } else { east };
+    angle::from_degrees_e7(turn * 100_000)
+}
+
 impl Component {
     /// ADSB_VEHICLE that the autopilot passed on.
     pub(super) fn hear_aircraft(&mut self, data: &ADSB_VEHICLE_DATA, now_us: i64) {
@@ -125,8 +133,7 @@ impl Component {
         let has = |flag| data.flags.contains(flag);
         let moving =
             has(AdsbFlags::ADSB_FLAGS_VALID_VELOCITY) && has(AdsbFlags::ADSB_FLAGS_VALID_HEADING);
-        let heading = angle::from_degrees_e7(i32::from(data.heading.min(35_999)) * 100_000);
-        let (cos, sin) = angle::cos_sin(heading);
+        let (cos, sin) = angle::cos_sin(course(data.heading));
         let speed = if moving { i64::from(data.hor_velocity) } else { 0 };
         let named = has(AdsbFlags::ADSB_FLAGS_VALID_CALLSIGN);
         let aircraft = Aircraft {
@@ -189,5 +196,19 @@ impl Component {
     /// The object is reported: its track is not explained by an aircraft of the own fleet.
     pub(super) fn is_reported(&self, object: &Traffic) -> bool {
         !self.is_muted(object.id)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headings_to_the_west_are_not_wrapped() {
+        for (heading, degrees) in [(0, 0), (9_000, 90), (18_000, 180), (27_000, -90), (35_900, -1)]
+        {
+            assert_eq!(course(heading), angle::from_degrees_e7(degrees * 10_000_000), "{heading}");
+        }
+        assert_eq!(course(u16::MAX), course(35_999));
     }
 }
