@@ -65,7 +65,12 @@ fn of_video(
     for track in xml::children(root, "track") {
         let label = track.attribute("label");
         let class = label.ok_or_else(|| xml.wrong(track, "label", None, "the class"))?;
-        let id = xml.attribute(track, "id")? as i64;
+        let id = xml.attribute(track, "id")?;
+        // Ground truth holds numbers that an f64 holds exactly.
+        if !(0.0..=9e15).contains(&id) {
+            let expected = "a number from 0 to 9e15";
+            return Err(xml.wrong(track, "id", track.attribute("id"), expected));
+        }
         for node in xml::children(track, "box") {
             if node.attribute("outside") == Some("1") {
                 continue;
@@ -78,7 +83,7 @@ fn of_video(
             // Numbers from 1: 0 is a number of no object in MOTChallenge text.
             sequence.labels.push(LabelledBox {
                 frame: frame as u64 + 1,
-                id: Some(id.saturating_add(1)),
+                id: Some(id as i64 + 1),
                 ..label
             });
         }
