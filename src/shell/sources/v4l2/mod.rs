@@ -152,7 +152,7 @@ impl V4l2Camera {
     /// Opens and sets up the camera of a video node such as `/dev/video0`, and starts it.
     ///
     /// # Errors
-    /// [`V4l2Error`]; one that [`is_gone`](CameraError::is_gone) may be another next time, the others stay until
+    /// [`V4l2Error`]; one that [`is_gone`](V4l2Error::is_gone) may be another next time, the others stay until
     /// somebody does something.
     pub fn open(path: &Path, settings: &CameraSettings) -> Result<Self, V4l2Error> {
         let failed = |request| V4l2Error::system(path, request);
