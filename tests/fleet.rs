@@ -239,3 +239,90 @@ fn clips_may_be_fetched() {
     let said = complaint(&folder, &["eval", "--manifest=m.csv", "--out=run"], 1);
     assert!(said.contains("a.y4m: cannot be fetched"), "{said}");
 }
+
+#[test]
+fn flights_are_replayed_in_shards() {
+    let folder = tempfile::tempdir().unwrap();
+    for seed in [1, 2, 3] {
+        simulate(&folder, &format!("data/{seed}"), "crossing", seed);
+    }
+    printed(&folder, &["manifest", "data", "--out=m.csv"]);
+    let replay = ["replay", "--manifest=m.csv", "--out=run", "--min-precision=0.5"];
+    let files = || {
+        let entries = fs::read_dir(folder.path().join("run")).into_iter().flatten();
+        let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+        paths.sort();
+        paths
+    };
+    for (shard, measured) in [("--shard=0/2", 2), ("--shard=1/2", 1), ("--shard=0/1", 0)] {
+        let output = run(&folder, &[&replay[..], &[shard]].concat());
+        let said = text(&output.stderr);
+        let expected =
+            format!("{measured} clips measured, {} were before", 3 * (1 - measured.min(1)));
+        assert!(output.status.success() && said.contains(&expected), "{said}");
+    }
+    assert_eq!(files().len(), 3);
+    // Each is what the flight alone gives, with the log that lies beside it.
+    let alone = ["replay", "data/2", "--tlog-in=data/2/flight.tlog", "--min-precision=0.5"];
+    printed(&folder, &[&alone[..], &["--jsonl=2.jsonl"]].concat());
+    let own = files()
+        .into_iter()
+        .find(|path| path.file_name().unwrap().to_string_lossy().starts_with("2-"));
+    let lines = fs::read(own.unwrap()).unwrap();
+    assert!(lines.iter().filter(|byte| **byte == b'\n').count() == 16);
+    assert_eq!(lines, fs::read(folder.path().join("2.jsonl")).unwrap());
+    // Other arguments are other files.
+    let said = text(&run(&folder, &[&replay[..3], &["--threshold=3"]].concat()).stderr);
+    assert!(said.contains("3 clips measured"), "{said}");
+    assert_eq!(files().len(), 6);
+
+    // A picture that is torn is said once and not tried again.
+    let frames = folder.path().join("data/3/frames");
+    let frame = fs::read_dir(frames).unwrap().map(|entry| entry.unwrap().path()).max().unwrap();
+    let bytes = fs::read(&frame).unwrap();
+    fs::write(&frame, &bytes[..20]).unwrap();
+    for _ in 0..2 {
+        let said = complaint(&folder, &replay, 42);
+        assert!(said.contains("lookout: 3: ") && said.contains("1 of 3 clips"), "{said}");
+    }
+    assert!(files().iter().all(|path| path.extension().unwrap() != "new"), "{:?}", files());
+    let said = complaint(&folder, &["replay", "--manifest=m.csv"], 2);
+    assert!(said.contains("--out"), "{said}");
+}
+
+#[cfg(feature = "parquet")]
+#[test]
+fn parquet_gives_the_same_report() {
+    let folder = clips();
+    printed(&folder, &["manifest", "one", "two", "--out=m.csv"]);
+    printed(&folder, &["manifest", "one", "two", "--out=m.parquet"]);
+    let eval = |manifest: &str, out: &str, more: &[&str]| {
+        let args = ["eval", "--manifest", manifest, "--out", out, "--tracks"];
+        printed(&folder, &[&args[..], more].concat());
+    };
+    eval("m.csv", "lines", &[]);
+    eval("m.parquet", "tables", &["--parquet", "--shard=0/2"]);
+    eval("m.parquet", "tables", &["--parquet", "--shard=1/2"]);
+    let files = fs::read_dir(folder.path().join("tables/clips")).unwrap();
+    assert!(
+        files.map(|file| file.unwrap().path()).all(|path| path.extension().unwrap() == "parquet")
+    );
+    for form in [&["--json"][..], &[]] {
+        let merged = |run: &str| printed(&folder, &[&["merge", run][..], form].concat());
+        assert_eq!(merged("tables"), merged("lines"));
+    }
+    let manifest = |run: &str| fs::read(folder.path().join(run).join("manifest.csv")).unwrap();
+    assert_eq!(manifest("tables"), manifest("lines"));
+}
+
+#[cfg(not(feature = "parquet"))]
+#[test]
+fn without_parquet_its_files_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(&folder, "data/a", "crossing", 1);
+    let said = complaint(&folder, &["manifest", "data", "--out=m.parquet"], 42);
+    assert!(
+        said.contains("m.parquet: this program has no Parquet") && said.contains(".csv"),
+        "{said}"
+    );
+}

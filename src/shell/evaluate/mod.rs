@@ -39,6 +39,7 @@ use crate::model::Model;
 use crate::tracking::{TrafficSettings, tracker};
 use clip_run::{ClipResult, RunSettings};
 use facts::Facts;
+use fleet::form::ResultForm;
 use fleet::manifest::Manifest;
 use fleet::run::ShardArgs;
 use fleet::shard::Shard;
@@ -166,6 +167,10 @@ pub struct EvalArgs {
     /// motion) for every clip into this folder, of other methods than ours into its folder METHOD
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// With --manifest: write results as Parquet files instead of lines of JSON
+    #[cfg(feature = "parquet")]
+    #[arg(long, requires = "manifest")]
+    parquet: bool,
     #[command(flatten)]
     report: ReportArgs,
     /// Clips to process at a time; 0: one per processor core
@@ -278,12 +283,17 @@ fn run_manifest(args: &EvalArgs, manifest: &Path) -> Result<Ended, Error> {
     if args.method != [MethodName::Ours] {
         return Err(EvaluateError::OtherMethods.into());
     }
+    #[cfg(feature = "parquet")]
+    let form = if args.parquet { ResultForm::Parquet } else { ResultForm::Lines };
+    #[cfg(not(feature = "parquet"))]
+    let form = ResultForm::Lines;
     fleet::run::run(ShardArgs {
         manifest: &manifest,
         shard: args.shard,
         out,
         detector: &args.detector,
         follow: &|model| args.split.follow(Some(model)),
+        form,
         jobs: args.jobs,
     })
 }

@@ -3,6 +3,7 @@
 pub mod flight;
 #[cfg(feature = "mcap")]
 mod mcap;
+mod shard;
 pub mod telemetry;
 
 use super::error::Error;
@@ -29,6 +30,7 @@ use flight::FlightArgs;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::collections::BTreeMap;
 
+use shard::ReplayShardArgs;
 use std::path::PathBuf;
 use std::string::String;
 use std::time::{Duration, Instant};
@@ -47,7 +49,7 @@ const THRESHOLD: i32 = -1 << SCORE_BITS;
 
 /// Command-line arguments of `lookout replay`.
 #[derive(Debug, Clone, clap::Args)]
-#[command(mut_arg("kind", |kind| kind.conflicts_with("input")))]
+#[command(mut_arg("kind", |kind| kind.conflicts_with_all(["input", "manifest"])))]
 pub struct ReplayArgs {
     /// Folder of PNG, JPEG or PGM pictures, .y4m, - (y4m on standard input), or any video ffmpeg reads; none: a simulated
     /// flight
@@ -79,6 +81,8 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "N", default_value_t = 0)]
     lead: u64,
     #[command(flatten)]
+    many: ReplayShardArgs,
+    #[command(flatten)]
     telemetry: TelemetryArgs,
     #[command(flatten)]
     camera: CameraArgs,
@@ -91,17 +95,30 @@ pub struct ReplayArgs {
 /// # Errors
 /// [`Error`]; what was written before stays.
 pub fn run(args: &ReplayArgs) -> Result<Ended, Error> {
+    if let Some(manifest) = &args.many.manifest {
+        return shard::run(args, manifest);
+    }
     let model = ModelFile::load(args.detector.model.as_deref())?;
     let model = model.parse()?;
+    let (args, threshold, tracks) = prepared(args, &model)?;
+    interrupt::watch()?;
+    pipeline::on_threads(args.threads, || replay(&args, threshold, tracks, &model))?
+}
+
+/// Arguments with the least score that the detector reports, the least that is written (both log-odds), and the tracker's
+/// settings.
+fn prepared(
+    args: &ReplayArgs,
+    model: &Model<'_>,
+) -> Result<(ReplayArgs, i32, tracker::TrackerSettings), Error> {
     let mut args = args.clone();
-    let asked = args.detector.least_score(&model)?;
+    let asked = args.detector.least_score(model)?;
     args.detector.min_precision = None;
-    let threshold = asked.unwrap_or_else(|| default_threshold(&model));
+    let threshold = asked.unwrap_or_else(|| default_threshold(model));
     // A track goes on with weaker detections than are reported.
     let tracks = tracker::TrackerSettings::calibrated(model.calibration());
     args.detector.threshold = Some(threshold.min(tracks.keep_score));
-    interrupt::watch()?;
-    pipeline::on_threads(args.threads, || replay(&args, threshold, tracks, &model))?
+    Ok((args, threshold, tracks))
 }
 
 /// People look at the reports of a replay: a score at which few are false.
@@ -122,8 +139,10 @@ fn replay(
     let mut source = args.flight.open(input)?;
     let mut outputs = ReplayOutputs::create(args, threshold, own, tracks)?;
     let count = source.frame_count();
-    let bar = progress(count);
-    let mut spoken = SpokenProgress::new(bar.is_hidden());
+    // Many clips have one bar of their own.
+    let quiet = args.many.manifest.is_some();
+    let bar = if quiet { ProgressBar::hidden() } else { progress(count) };
+    let mut spoken = SpokenProgress::new(bar.is_hidden() && !quiet);
     let mut each = |number, frame: &Frame, detections: &Detections| {
         bar.inc(1);
         spoken.frame(number, count);
@@ -208,6 +227,8 @@ struct ReplayOutputs {
     start: Instant,
     /// Whether positions matter: the vehicle's log was given, or messages are sent.
     heard: bool,
+    /// No line about the end of the flight: it is one of many.
+    quiet: bool,
 }
 
 impl ReplayOutputs {
@@ -246,6 +267,7 @@ impl ReplayOutputs {
             dropped: 0,
             start: Instant::now(),
             heard: args.telemetry.hears() || args.telemetry.speaks(),
+            quiet: args.many.manifest.is_some(),
         };
         let asked = outputs.mot.is_some()
             || outputs.jsonl.is_some()
@@ -331,6 +353,9 @@ impl ReplayOutputs {
         let Self { frames, found, dropped, .. } = self;
         if let Some(digest) = self.digest.filter(|_| ended == Ended::Complete) {
             print_line(&format!("{:016x}", digest.value()))?;
+        }
+        if self.quiet {
+            return Ok(ended);
         }
         let rate = frames as f64 / self.start.elapsed().as_secs_f64();
         let lost = if dropped > 0 {

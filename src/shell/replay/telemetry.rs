@@ -75,6 +75,11 @@ impl TelemetryArgs {
         self.tlog_in.is_some()
     }
 
+    /// The same with the vehicle's log `log`.
+    pub fn with_log(self, log: Option<PathBuf>) -> Self {
+        Self { tlog_in: log, ..self }
+    }
+
     /// The parameters to begin with.
     ///
     /// # Errors

@@ -66,6 +66,22 @@ pub enum FleetError {
         /// Fault, in words.
         reason: String,
     },
+    /// A Parquet manifest that does not say what it should.
+    #[error("{}: no manifest: {reason}; columns clip, split, path, labels, telemetry and tags, see `lookout manifest`", path.display())]
+    Table {
+        /// Path of the file.
+        path: PathBuf,
+        /// Fault, in words.
+        reason: String,
+    },
+    /// A Parquet file, and a program without the feature for it.
+    #[error("{}: this program has no Parquet; build it with --features parquet, or {instead}", path.display())]
+    NoParquet {
+        /// Path of the file.
+        path: PathBuf,
+        /// Another way to the same.
+        instead: &'static str,
+    },
     /// Two results of one clip.
     #[error("{clip}: two results, {} and {}: the clip changed during the run; remove that of the old contents", files[0].display(), files[1].display())]
     TwoResults {

@@ -1,7 +1,7 @@
 //! Clips whose path is an address: fetched by `curl` into a folder that goes with them.
 
 use super::FleetError;
-use super::manifest::ManifestRow;
+use super::row::ManifestRow;
 use crate::shell::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

@@ -1,20 +1,20 @@
-//! The list of clips: CSV with the columns clip, split, path, labels, telemetry and tags.
+//! The list of clips: CSV, or Parquet, with the columns clip, split, path, labels, telemetry and tags.
 //!
 //! Paths are relative to the manifest's folder where they lie below it. `path` is a clip's folder, a video, or an address
 //! (`https://`), which is fetched when the clip's turn comes. `tags` are the facts of the table beside a split:
 //! `kind=hover;agitation=0.3;movers=2`; others are kept and not read.
 
-use super::FleetError;
+use super::form::is_parquet;
+use super::row::ManifestRow;
+use super::{FleetError, table};
 use crate::shell::error::Error;
-use crate::shell::evaluate::facts::{self, Facts, Listed};
+use crate::shell::evaluate::facts::Facts;
 use crate::shell::evaluate::splits::Splits;
-use crate::shell::formats::clips::{self, Clip, GroundTruth};
-use crate::shell::formats::seqinfo::SeqInfo;
+use crate::shell::formats::clips;
 use crate::shell::sources::has_extension;
 use crate::shell::support::atomic_file;
 use crate::shell::support::interrupt::Ended;
 use crate::shell::support::print::print_line;
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
@@ -30,29 +30,9 @@ pub struct ManifestArgs {
     /// Only clips whose names contain one of these
     #[arg(long, value_name = "TEXT", value_delimiter = ',')]
     clips: Vec<String>,
-    /// The manifest to write (CSV)
+    /// The manifest to write: CSV, or Parquet where its name ends in .parquet (feature `parquet`)
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-}
-
-/// A clip of a manifest.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct ManifestRow {
-    /// Its name, behind that of the split where there are several; no other one has it.
-    pub clip: String,
-    /// The folder of clips that it is counted with.
-    pub split: String,
-    /// Folder, video or address.
-    pub path: String,
-    /// Ground truth; empty: in the clip's folder.
-    #[serde(default)]
-    pub labels: String,
-    /// The vehicle's log; empty without one.
-    #[serde(default)]
-    pub telemetry: String,
-    /// `NAME=VALUE;NAME=VALUE`.
-    #[serde(default)]
-    pub tags: String,
 }
 
 /// A manifest as it was read.
@@ -62,7 +42,7 @@ pub struct Manifest {
     pub folder: PathBuf,
     /// One row a clip, in the order of the file.
     pub rows: Vec<ManifestRow>,
-    /// Bytes of the file, which the run's identity is computed from.
+    /// The clips as CSV, for the folder of the run.
     pub bytes: Vec<u8>,
 }
 
@@ -74,13 +54,13 @@ pub fn run(args: &ManifestArgs) -> Result<Ended, Error> {
     let splits = Splits::read(&args.data, &args.clips)?;
     let folder = Path::new(".").join(folder_of(&args.out));
     let folder = folder.canonicalize().map_err(Error::read(&folder))?;
-    let mut writer = csv::Writer::from_writer(Vec::new());
+    let mut rows = Vec::new();
     for (number, clip) in splits.clips.iter().enumerate() {
         let labels = clips::labels_of_clip(clip);
         // A video in a folder of videos is a clip by itself.
         let alone = clips::labels(&clip.directory).is_none();
         let path = if alone { &clip.input } else { &clip.directory };
-        let row = ManifestRow {
+        rows.push(ManifestRow {
             clip: clip.name.clone(),
             split: splits.folders[splits.split[number]].display().to_string(),
             path: below(&folder, path),
@@ -91,14 +71,25 @@ pub fn run(args: &ManifestArgs) -> Result<Ended, Error> {
                 log_in(&clip.directory).map_or(String::new(), |log| below(&folder, &log))
             },
             tags: tags(&splits.facts[number]),
-        };
-        writer.serialize(row).map_err(|error| wrong(&args.out, 0, &error))?;
+        });
     }
-    let bytes = writer.into_inner().map_err(|error| wrong(&args.out, 0, error.error()))?;
+    let bytes = match is_parquet(&args.out) {
+        true => table::encode_manifest(&args.out, &rows)?,
+        false => csv_of(&args.out, &rows)?,
+    };
     atomic_file::write(&args.out, &bytes).map_err(Error::write(&args.out))?;
     print_line(&format!("{}: {} clips", args.out.display(), splits.clips.len()))?;
     splits.complain()?;
     Ok(Ended::Complete)
+}
+
+/// The rows as CSV.
+fn csv_of(path: &Path, rows: &[ManifestRow]) -> Result<Vec<u8>, Error> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row).map_err(|error| wrong(path, 0, &error))?;
+    }
+    writer.into_inner().map_err(|error| wrong(path, 0, error.error()))
 }
 
 fn wrong(path: &Path, line: u64, reason: &dyn ToString) -> Error {
@@ -138,7 +129,10 @@ impl Manifest {
     /// # Errors
     /// [`Error`] where it cannot be read; [`FleetError::Manifest`] where it makes no sense.
     pub fn read(path: &Path, names: &[String]) -> Result<Self, Error> {
-        let bytes = fs::read(path).map_err(Error::read(path))?;
+        let bytes = match is_parquet(path) {
+            true => csv_of(path, &table::read_manifest(path)?)?,
+            false => fs::read(path).map_err(Error::read(path))?,
+        };
         let mut rows: Vec<ManifestRow> = Vec::new();
         let mut known = BTreeSet::new();
         for row in csv::Reader::from_reader(bytes.as_slice()).deserialize() {
@@ -179,58 +173,5 @@ impl Manifest {
         let numbers = self.rows.iter().map(&mut number).collect();
         let (clips, facts, split, broken) = Default::default();
         (Splits { folders, clips, facts, split, broken }, numbers)
-    }
-}
-
-impl ManifestRow {
-    /// The facts of its tags.
-    ///
-    /// # Errors
-    /// What is wrong, in words.
-    pub fn listed(&self) -> Result<Listed, String> {
-        let mut listed = Listed::default();
-        for tag in self.tags.split(';').filter(|tag| !tag.trim().is_empty()) {
-            let Some((name, value)) = tag.trim().split_once('=') else { continue };
-            let number = || {
-                let number = value.parse::<f64>().ok().filter(|value| value.is_finite());
-                number.ok_or_else(|| format!("tag {name} is '{value}', expected a number"))
-            };
-            match name {
-                "kind" => listed.kind = Some(value.into()),
-                "agitation" => listed.agitation = Some(number()?),
-                "movers" => listed.movers = Some(number()?),
-                _ => {}
-            }
-        }
-        Ok(listed)
-    }
-
-    /// The clip and its facts; `folder` is the manifest's.
-    ///
-    /// # Errors
-    /// [`Error`] of its files.
-    pub fn clip(&self, folder: &Path) -> Result<(Clip, Facts), Error> {
-        let path = folder.join(&self.path);
-        let labels = (!self.labels.is_empty()).then(|| folder.join(&self.labels));
-        if labels.is_none() && path.is_file() {
-            return Err(clips::ClipsError::NoLabels { path }.into());
-        }
-        let mut clip = if path.is_dir() {
-            clips::clip(&path)?
-        } else {
-            Clip {
-                name: String::new(),
-                directory: path.parent().unwrap_or(Path::new("")).into(),
-                input: path,
-                ground_truth: GroundTruth::default(),
-                info: SeqInfo::default(),
-            }
-        };
-        if let Some(labels) = labels {
-            clip.ground_truth = GroundTruth::read(&labels).map_err(clips::ClipsError::from)?;
-        }
-        clip.name.clone_from(&self.clip);
-        let facts = facts::of(&clip, self.listed().unwrap_or_default())?;
-        Ok((clip, facts))
     }
 }

@@ -7,12 +7,18 @@
 //! another; they share the folder. `merge` makes of the files what `lookout eval` on one machine would have printed.
 
 mod error;
-mod fetch;
+pub mod fetch;
+pub mod form;
 pub mod manifest;
 pub mod merge;
-mod outcome;
+pub mod outcome;
+mod parts;
+pub mod row;
 pub mod run;
-mod settings;
+pub mod settings;
 pub mod shard;
+#[cfg_attr(not(feature = "parquet"), path = "no_table.rs")]
+mod table;
+pub mod turn;
 
 pub use error::FleetError;

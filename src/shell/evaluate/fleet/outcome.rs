@@ -1,15 +1,17 @@
 //! The result of one clip as a file: a line of JSON about the clip, then a line for each detection
-//! (`[frame,left,top,width,height,score]`) and each frame's time in the detector (`{"ms":1.5}`).
+//! (`[frame,left,top,width,height,score]`) and each frame's time in the detector (`{"ms":1.5}`). With the feature `parquet`
+//! it may be a Parquet file of the same contents (`table`).
 //!
 //! Numbers read back as they were written, to the last bit, so that figures of files are those of a run.
 
 use super::FleetError;
+use super::form::{ResultForm, is_parquet};
+use super::parts::{Head, OutcomeParts};
+use super::table;
 use crate::shell::error::Error;
-use crate::shell::evaluate::clip_run::{ClipResult, ScanCounts};
+use crate::shell::evaluate::clip_run::ClipResult;
 use crate::shell::evaluate::facts::Facts;
 use crate::shell::evaluate::matching::DetectionRecord;
-use crate::shell::evaluate::registration::ClipRegistration;
-use crate::shell::evaluate::track_metrics::ClipTracks;
 use crate::shell::formats::clips::{Clip, GroundTruth};
 use crate::shell::formats::seqinfo::SeqInfo;
 use crate::shell::support::file_error::FileError;
@@ -48,22 +50,6 @@ impl ClipOutcome {
     }
 }
 
-/// The first line of a file.
-#[derive(Debug, Serialize, Deserialize)]
-struct Head {
-    clip: String,
-    broken: Option<String>,
-    facts: Facts,
-    ground_truth: GroundTruth,
-    frames: u64,
-    size: (usize, usize),
-    rate: Option<f64>,
-    scan: ScanCounts,
-    registration: Option<ClipRegistration>,
-    textures: Vec<f64>,
-    tracks: Option<ClipTracks>,
-}
-
 /// The clip's name alone.
 #[derive(Debug, Deserialize)]
 struct Name {
@@ -77,9 +63,8 @@ enum OutcomeLine {
     Time { ms: f64 },
 }
 
-/// The bytes of a file.
-#[allow(clippy::expect_used, reason = "numbers and names always make JSON")]
-pub fn encode(outcome: ClipOutcome) -> Vec<u8> {
+/// Takes an outcome apart.
+fn parts(outcome: ClipOutcome) -> OutcomeParts {
     let ClipOutcome { clip, facts, result } = outcome;
     let (result, broken) = match result {
         Ok(result) => (result, None),
@@ -98,11 +83,27 @@ pub fn encode(outcome: ClipOutcome) -> Vec<u8> {
         textures: result.textures,
         tracks: result.tracks,
     };
-    let found = result.found.iter().map(|found| {
+    (head, result.found, result.times_ms)
+}
+
+/// The bytes of a file.
+///
+/// # Errors
+/// [`FleetError::NoParquet`] where the program cannot write the form.
+pub fn encode(outcome: ClipOutcome, form: ResultForm) -> Result<Vec<u8>, Error> {
+    match form {
+        ResultForm::Lines => Ok(lines(parts(outcome))),
+        ResultForm::Parquet => table::encode_outcome(&parts(outcome)),
+    }
+}
+
+#[allow(clippy::expect_used, reason = "numbers and names always make JSON")]
+fn lines((head, found, times_ms): OutcomeParts) -> Vec<u8> {
+    let found = found.iter().map(|found| {
         let [left, top, width, height] = found.rect;
         OutcomeLine::Found(found.frame, left, top, width, height, found.score)
     });
-    let times = result.times_ms.iter().map(|&ms| OutcomeLine::Time { ms });
+    let times = times_ms.iter().map(|&ms| OutcomeLine::Time { ms });
     let json = "numbers and names always make JSON";
     let mut bytes = serde_json::to_vec(&head).expect(json);
     for line in found.chain(times) {
@@ -118,9 +119,27 @@ pub fn encode(outcome: ClipOutcome) -> Vec<u8> {
 /// # Errors
 /// [`FileError::Read`], or [`FleetError::Result`] for another file.
 pub fn read(path: &Path) -> Result<ClipOutcome, Error> {
-    let mut lines = open(path)?;
-    let head: Head = parse(path, &next(path, &mut lines)?)?;
-    let mut result = ClipResult {
+    let (head, found) = if is_parquet(path) {
+        let (head, found) = table::read_outcome(path)?;
+        (parse::<Head>(path, head.as_bytes())?, found)
+    } else {
+        let mut lines = open(path)?;
+        let head: Head = parse(path, &next(path, &mut lines)?)?;
+        let mut found = Vec::new();
+        loop {
+            let line = next(path, &mut lines)?;
+            if line.is_empty() {
+                break;
+            }
+            if let OutcomeLine::Found(frame, left, top, width, height, score) = parse(path, &line)?
+            {
+                found.push(DetectionRecord { frame, rect: [left, top, width, height], score });
+            }
+        }
+        (head, found)
+    };
+    let result = ClipResult {
+        found,
         frames: head.frames,
         size: head.size,
         rate: head.rate,
@@ -130,18 +149,17 @@ pub fn read(path: &Path) -> Result<ClipOutcome, Error> {
         tracks: head.tracks,
         ..ClipResult::default()
     };
-    loop {
-        let line = next(path, &mut lines)?;
-        if line.is_empty() {
-            break;
-        }
-        if let OutcomeLine::Found(frame, left, top, width, height, score) = parse(path, &line)? {
-            result.found.push(DetectionRecord { frame, rect: [left, top, width, height], score });
-        }
-    }
     let clip = Clip { ground_truth: head.ground_truth, ..ClipOutcome::broken(&head.clip, "").clip };
     let result = head.broken.map_or(Ok(result), Err);
     Ok(ClipOutcome { clip, facts: head.facts, result })
+}
+
+/// The head of a file as JSON.
+fn head(path: &Path) -> Result<Vec<u8>, Error> {
+    match is_parquet(path) {
+        true => Ok(table::read_head(path)?.into_bytes()),
+        false => next(path, &mut open(path)?),
+    }
 }
 
 /// The name of the clip that a file is of.
@@ -149,7 +167,7 @@ pub fn read(path: &Path) -> Result<ClipOutcome, Error> {
 /// # Errors
 /// As [`read`].
 pub fn name(path: &Path) -> Result<String, Error> {
-    Ok(parse::<Name>(path, &next(path, &mut open(path)?)?)?.clip)
+    Ok(parse::<Name>(path, &head(path)?)?.clip)
 }
 
 /// Whether a file says that its clip can never be measured.
@@ -161,7 +179,7 @@ pub fn broken(path: &Path) -> Result<Option<String>, Error> {
     struct BrokenHead {
         broken: Option<String>,
     }
-    Ok(parse::<BrokenHead>(path, &next(path, &mut open(path)?)?)?.broken)
+    Ok(parse::<BrokenHead>(path, &head(path)?)?.broken)
 }
 
 fn open(path: &Path) -> Result<BufReader<File>, Error> {
@@ -181,11 +199,11 @@ fn parse<'a, T: Deserialize<'a>>(path: &Path, line: &'a [u8]) -> Result<T, Error
     })
 }
 
-/// A hash of what a clip's result depends on: its name, its facts, its labels and frames.
+/// A hash of what a clip's result depends on: its name, its facts, its labels and frames, and the files `more`.
 ///
 /// # Errors
 /// [`FileError::Read`].
-pub fn content(clip: &Clip, facts: &Facts) -> Result<String, FileError> {
+pub fn content(clip: &Clip, facts: &Facts, more: &[PathBuf]) -> Result<String, FileError> {
     let mut hash = Sha256::new();
     let about = serde_json::to_vec(&(&clip.name, facts, &clip.ground_truth)).unwrap_or_default();
     hash.update(about);
@@ -200,6 +218,7 @@ pub fn content(clip: &Clip, facts: &Facts) -> Result<String, FileError> {
     for name in ["camera.json", "truth.csv", "seqinfo.ini"] {
         files.extend(Some(clip.directory.join(name)).filter(|path| path.is_file()));
     }
+    files.extend_from_slice(more);
     let mut buffer = vec![0; 1 << 20];
     for path in files {
         hash.update(path.file_name().unwrap_or_default().as_encoded_bytes());
@@ -263,7 +282,7 @@ mod tests {
             let facts = Facts { rate, kind: Some("hover".into()), ..Facts::default() };
             let outcome = ClipOutcome { clip: clip.clone(), facts: facts.clone(), result: Ok(result) };
             let file = tempfile::NamedTempFile::new().unwrap();
-            fs::write(file.path(), encode(outcome)).unwrap();
+            fs::write(file.path(), encode(outcome, ResultForm::Lines).unwrap()).unwrap();
             let back = read(file.path()).unwrap();
             prop_assert_eq!(name(file.path()).unwrap(), "a/b");
             prop_assert_eq!(back.clip.ground_truth, clip.ground_truth);
@@ -296,7 +315,7 @@ mod tests {
             fs::write(&path, bytes).unwrap();
             let clip =
                 Clip { input: path.clone(), directory: folder.path().into(), ..clip(labels) };
-            content(&clip, &Facts { kind: kind.map(Into::into), ..Facts::default() }).unwrap()
+            content(&clip, &Facts { kind: kind.map(Into::into), ..Facts::default() }, &[]).unwrap()
         };
         let first = of("abc", "", None);
         assert_eq!(first.len(), 16);
@@ -305,6 +324,6 @@ mod tests {
             [of("abd", "", None), of("abc", "1,1,1,1,9,9\n", None), of("abc", "", Some("x"))];
         assert!(others.iter().all(|other| *other != first), "{others:?}");
         fs::remove_file(&path).unwrap();
-        assert!(content(&Clip { input: path, ..clip("") }, &Facts::default()).is_err());
+        assert!(content(&Clip { input: path, ..clip("") }, &Facts::default(), &[]).is_err());
     }
 }

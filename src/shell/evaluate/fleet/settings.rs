@@ -1,5 +1,6 @@
 //! Settings that all shards of a run share, in its folder: `run.json`, the model, the manifest; results are in `clips/`.
 
+use super::form::ResultForm;
 use super::outcome::hex;
 use crate::shell::error::Error;
 use crate::shell::support::atomic_file;
@@ -23,6 +24,9 @@ pub struct RunFile {
     pub tracks: bool,
     /// Field of view that stands in for missing `camera.json`, degrees.
     pub assumed_fov: f64,
+    /// Form of the results.
+    #[serde(default)]
+    pub form: ResultForm,
 }
 
 impl RunFile {
@@ -69,7 +73,7 @@ impl RunFile {
 
     /// The end of the names of its results.
     pub fn suffix(&self) -> String {
-        format!("-{}-{}.jsonl", self.model, self.arguments)
+        format!("-{}-{}.{}", self.model, self.arguments, self.form.extension())
     }
 }
 
