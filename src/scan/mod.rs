@@ -5,7 +5,6 @@
 pub mod aggregate;
 pub mod cascade;
 pub mod lanes;
-mod sparse;
 
 use crate::channels::DIFFERENCES;
 use crate::channels::scale_space::{LevelView, Pyramid, PyramidLayout, PyramidLevel};
