@@ -23,7 +23,7 @@ pub struct Detection {
     /// Log-odds that the box shows a target, Q16; any sign. By this frame and those before it
     /// ([`crate::detector::temporal_score`]).
     pub score: i32,
-    /// The same by this frame alone.
+    /// The same by this frame alone, less the log-odds that wing beats take away in `score` as well.
     pub frame_score: i32,
     /// Where the object's centre was 1, 2, .. frames ago, relative to its centre now.
     pub shifts: [Shift; SHIFTS],

@@ -43,7 +43,7 @@ const BEFORE: usize = 1024;
 const AGAIN_US: i64 = 1_000_000;
 /// Frames after which a detector finds what one finds that has run for ever: its slices reach 10 frames back, and scores and
 /// sizes depend on [`MEMORY`] frames that had all of theirs.
-const LEAD: usize = 64;
+const LEAD: usize = 68;
 const _: () = assert!(10 + MEMORY <= LEAD);
 /// MAVLink's HEARTBEAT.
 const HEARTBEAT: u32 = 0;
