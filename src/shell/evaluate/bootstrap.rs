@@ -31,22 +31,30 @@ pub struct Interval {
     pub high: Option<f64>,
 }
 
-/// The draws: how many times each clip counts.
-#[derive(Debug, Clone)]
+/// The draws: how many times each clip counts. They are drawn anew for each figure, the same each time: kept, they would
+/// take 4 kB a clip.
+#[derive(Debug, Clone, Copy)]
 pub struct Bootstrap {
-    draws: Vec<Vec<u32>>,
+    clips: usize,
+    resamples: usize,
+    seed: u64,
 }
 
 impl Bootstrap {
     /// `resamples` draws of `clips` clips each.
-    pub fn new(clips: usize, resamples: usize, seed: u64) -> Self {
-        let mut random = Random::new(seed);
-        let mut draw = || {
-            let mut times = vec![0; clips];
-            (0..clips).for_each(|_| times[random.below(clips)] += 1);
-            times
-        };
-        Self { draws: (0..resamples).map(|_| draw()).collect() }
+    pub const fn new(clips: usize, resamples: usize, seed: u64) -> Self {
+        Self { clips, resamples, seed }
+    }
+
+    /// Shows `take` every draw.
+    fn each(&self, mut take: impl FnMut(&[u32])) {
+        let mut random = Random::new(self.seed);
+        let mut times = vec![0; self.clips];
+        for _ in 0..self.resamples {
+            times.fill(0);
+            (0..self.clips).for_each(|_| times[random.below(self.clips)] += 1);
+            take(&times);
+        }
     }
 
     /// A figure of the clips as they are and of every draw; none where there is no target.
@@ -57,7 +65,10 @@ impl Bootstrap {
     ) -> Sampled {
         let value = |times: &[u32]| (ranking.targets(times) > 0).then(|| figure(ranking, times));
         let with_targets = ranking.clips().iter().filter(|clip| clip.targets > 0).count();
-        let draws = if with_targets < FEWEST_CLIPS { &[] } else { self.draws.as_slice() };
+        let mut draws: Vec<Vec<u32>> = Vec::new();
+        if with_targets >= FEWEST_CLIPS {
+            self.each(|times| draws.push(times.to_vec()));
+        }
         let piece = |draws: &[Vec<u32>]| draws.iter().map(|d| value(d)).collect::<Vec<_>>();
         let draws = parallel::map(draws.chunks(32).collect(), piece).concat();
         Sampled { value: value(&ranking.whole()), draws }
@@ -73,8 +84,10 @@ impl Bootstrap {
             (right + wrong > 0).then(|| right as f64 / (right + wrong) as f64)
         };
         let clips = counts.iter().filter(|(right, wrong)| right + wrong > 0).count();
-        let draws = if clips < FEWEST_CLIPS { &[] } else { self.draws.as_slice() };
-        let draws = draws.iter().map(|draw| share(&|clip| u64::from(draw[clip]))).collect();
+        let mut draws = Vec::new();
+        if clips >= FEWEST_CLIPS {
+            self.each(|times| draws.push(share(&|clip| u64::from(times[clip]))));
+        }
         Sampled { value: share(&|_| 1), draws }.interval()
     }
 }

@@ -7,7 +7,7 @@ use super::facts::Facts;
 use super::matching::{ClipMatches, Match, SIZES, size, size_name};
 use super::table::{Table, number};
 use serde::Serialize;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::string::String;
 use std::vec::Vec;
 use std::{format, vec};
@@ -50,59 +50,84 @@ pub struct KindRow {
     pub by_size: Vec<(String, Option<f64>)>,
 }
 
-/// The rows; empty where no kind is known. `score` is the score of use, log-odds.
-pub fn rows(clips: &[KindClip<'_>], score: Option<f64>) -> Vec<KindRow> {
-    let kinds: BTreeSet<&str> = clips.iter().filter_map(|c| c.facts.kind.as_deref()).collect();
-    let mut rows = Vec::new();
-    for kind in kinds {
-        let own: Vec<KindClip<'_>> =
-            clips.iter().filter(|c| c.facts.kind.as_deref() == Some(kind)).copied().collect();
-        rows.extend(row(kind, &own, score, |_, _| true));
-        if kind == HOVER && own.iter().all(|clip| clip.textures.is_some()) {
-            let textured = |clip: &KindClip<'_>, target: usize| {
-                clip.textures.is_some_and(|t| t.get(target).is_some_and(|&t| t >= TEXTURED))
-            };
-            rows.extend(row(HOVER_BEFORE_TEXTURE, &own, score, textured));
-        }
-    }
-    rows
+/// Counts of the targets of one row.
+#[derive(Debug, Default)]
+struct KindCounts {
+    /// Clips with such targets.
+    clips: usize,
+    /// Targets of each size, and those of them found at the score of use.
+    sizes: [(usize, usize); SIZES.len()],
+    found_at_all: usize,
 }
 
-/// None where no target is of the kind.
-fn row(
-    kind: &str,
-    clips: &[KindClip<'_>],
-    score: Option<f64>,
-    of_kind: impl Fn(&KindClip<'_>, usize) -> bool,
-) -> Option<KindRow> {
-    let (mut with_targets, mut found, mut found_at_all) = (0, 0, 0);
-    let mut sizes = [(0, 0); SIZES.len()];
-    for clip in clips {
-        let best = best_scores(clip.matches);
-        let own = (0..clip.matches.targets.len()).filter(|&target| of_kind(clip, target));
-        let own: Vec<usize> = own.collect();
-        with_targets += usize::from(!own.is_empty());
-        for target in own {
-            let size = &mut sizes[size(&clip.matches.targets[target].truth)];
+/// Counts of one kind.
+#[derive(Debug, Default)]
+struct KindCounter {
+    all: KindCounts,
+    textured: KindCounts,
+    /// Whether texture is not known for a clip.
+    unseen: bool,
+}
+
+/// Counts by kind.
+#[derive(Debug, Default)]
+pub struct KindTally(BTreeMap<String, KindCounter>);
+
+impl KindTally {
+    /// Adds a clip; `score` is the score of use, log-odds.
+    pub fn add(&mut self, clip: &KindClip<'_>, score: Option<f64>) {
+        let Some(kind) = &clip.facts.kind else { return };
+        let counter = self.0.entry(kind.clone()).or_default();
+        counter.unseen |= clip.textures.is_none();
+        counter.all.add(clip.matches, score, |_| true);
+        counter.textured.add(clip.matches, score, |target| {
+            clip.textures.is_some_and(|t| t.get(target).is_some_and(|&t| t >= TEXTURED))
+        });
+    }
+
+    /// The rows; empty where no kind is known.
+    pub fn rows(self) -> Vec<KindRow> {
+        let mut rows = Vec::new();
+        for (kind, KindCounter { all, textured, unseen }) in self.0 {
+            let hover = kind == HOVER && !unseen;
+            rows.extend(all.row(kind));
+            rows.extend(textured.row(HOVER_BEFORE_TEXTURE.into()).filter(|_| hover));
+        }
+        rows
+    }
+}
+
+impl KindCounts {
+    fn add(&mut self, matches: &ClipMatches, score: Option<f64>, of_kind: impl Fn(usize) -> bool) {
+        let best = best_scores(matches);
+        let mut any = false;
+        for target in (0..matches.targets.len()).filter(|&target| of_kind(target)) {
+            any = true;
+            let size = &mut self.sizes[size(&matches.targets[target].truth)];
             let seen = best[target].is_some_and(|best| score.is_none_or(|score| best >= score));
             size.0 += 1;
             size.1 += usize::from(seen);
-            found += usize::from(seen);
-            found_at_all += usize::from(best[target].is_some());
+            self.found_at_all += usize::from(best[target].is_some());
         }
+        self.clips += usize::from(any);
     }
-    let share = |part: usize, whole: usize| (whole > 0).then(|| part as f64 / whole as f64);
-    let targets = sizes.iter().map(|size| size.0).sum();
-    let by_size = sizes.iter().enumerate();
-    let by_size = by_size.map(|(i, &(all, found))| (size_name(i), share(found, all))).collect();
-    (targets > 0).then(|| KindRow {
-        kind: kind.into(),
-        clips: with_targets,
-        targets,
-        recall: share(found, targets),
-        recall_at_any_score: share(found_at_all, targets),
-        by_size,
-    })
+
+    /// None where no target is of the kind.
+    fn row(self, kind: String) -> Option<KindRow> {
+        let share = |part: usize, whole: usize| (whole > 0).then(|| part as f64 / whole as f64);
+        let targets = self.sizes.iter().map(|size| size.0).sum();
+        let found = self.sizes.iter().map(|size| size.1).sum();
+        let by_size = self.sizes.iter().enumerate();
+        let by_size = by_size.map(|(i, &(all, found))| (size_name(i), share(found, all))).collect();
+        (targets > 0).then(|| KindRow {
+            kind,
+            clips: self.clips,
+            targets,
+            recall: share(found, targets),
+            recall_at_any_score: share(self.found_at_all, targets),
+            by_size,
+        })
+    }
 }
 
 /// The score at which each target was found.
@@ -154,7 +179,9 @@ mod tests {
             textures: Some(&[2.0, 12.0, 30.0]),
             facts: &facts[i],
         };
-        let rows = rows(&[clip(0), clip(1), clip(2)], Some(2.0));
+        let mut tally = KindTally::default();
+        (0..3).for_each(|i| tally.add(&clip(i), Some(2.0)));
+        let rows = tally.rows();
         let names: Vec<&str> = rows.iter().map(|row| row.kind.as_str()).collect();
         assert_eq!(names, ["crossing", "hover", HOVER_BEFORE_TEXTURE]);
         assert_eq!((rows[1].targets, rows[1].recall), (3, Some(1.0 / 3.0)));

@@ -4,6 +4,7 @@
 //! matched to the labels (`matching`), matches are ranked by score (`ranking`, `score`), and figures are taken over all
 //! clips (`summary`). Out: tables on standard output, JSON, detections, and the page of `report`.
 
+pub mod accuracy;
 pub mod bootstrap;
 pub mod clip_run;
 pub mod coco;
@@ -23,6 +24,7 @@ pub mod settle;
 pub mod splits;
 pub mod summary;
 pub mod table;
+pub mod totals;
 pub mod track_figures;
 pub mod track_metrics;
 pub mod without_target;
@@ -51,7 +53,7 @@ use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
 use std::{eprintln, fs};
-use summary::{EvaluationSummary, SummaryInputs};
+use totals::{SummaryInputs, Totals};
 use track_metrics::{ClipWatch, FollowSettings};
 
 /// Why clips cannot be evaluated.
@@ -244,15 +246,16 @@ pub fn run(args: &EvalArgs) -> Result<Ended, Error> {
         let least = model.as_ref().map(|model| args.detector.least_score(model)).transpose()?;
         let parts = SummaryInputs {
             method: name.as_deref(),
-            splits: &splits,
-            results: &results,
+            folders: &splits.folders,
             model: model.as_ref(),
             least: least.flatten().map(|bits| Decimal::score(bits).to_f64()),
             tracks: args.split.tracks,
             assumed_fov: args.split.fov,
         };
-        let summary = EvaluationSummary::new(parts);
-        summary.print(parts, args.split.json)?;
+        let mut totals = Totals::new(parts);
+        totals.add_all(&splits, &results)?;
+        let summary = totals.finish(&splits.broken)?;
+        summary.print(args.split.json)?;
         if ours {
             if let (Some(mut plan), Some(model)) = (plan.take(), model) {
                 plan.measure_regressors(&splits.clips, model, &args.detector, args.jobs)?;
@@ -375,14 +378,15 @@ pub fn run_score(args: &ScoreArgs) -> Result<Ended, Error> {
     }
     let parts = SummaryInputs {
         method: None,
-        splits: &splits,
-        results: &results,
+        folders: &splits.folders,
         model: None,
         least: None,
         tracks: args.split.tracks,
         assumed_fov: args.split.fov,
     };
-    EvaluationSummary::new(parts).print(parts, args.split.json)?;
+    let mut totals = Totals::new(parts);
+    totals.add_all(&splits, &results)?;
+    totals.finish(&splits.broken)?.print(args.split.json)?;
     if let Some(folder) = &args.coco_out {
         let found: Vec<_> = results.iter().map(|result| result.found.as_slice()).collect();
         coco::write(folder, &splits.clips, &found)?;

@@ -2,8 +2,9 @@
 
 use super::facts::Facts;
 use super::table::{Table, number};
-use super::track_figures::quantile;
 use super::track_metrics::ClipTracks;
+use crate::shell::support::file_error::FileError;
+use crate::shell::support::sorter::Sorter;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::string::String;
@@ -58,48 +59,90 @@ impl RangeBin {
     }
 }
 
-/// The groups of span that occur; empty where no distances are known.
-pub fn figures(clips: &[(&ClipTracks, &Facts)]) -> Vec<SpanRanges> {
-    let group = |span: f64| SPANS.iter().position(|(_, bound)| span < *bound).unwrap_or(0);
-    let mut counts = vec![[(0u64, 0u64); BOUNDS_M.len()]; SPANS.len()];
-    // By group: first distance of each target's track, if there was one.
-    let mut firsts: Vec<BTreeMap<(usize, i64), Option<f64>>> = vec![BTreeMap::new(); SPANS.len()];
-    let mut farthest = vec![None::<f64>; SPANS.len()];
-    for (number, (clip, facts)) in clips.iter().enumerate() {
+/// Targets of one group of spans, clip by clip.
+#[derive(Debug)]
+struct SpanTally {
+    targets: usize,
+    /// Frames of each bin, and those with a track.
+    bins: [(u64, u64); BOUNDS_M.len()],
+    /// Distances at the first frames with a track, metres.
+    firsts: Sorter,
+    farthest: Option<f64>,
+}
+
+/// Sums over clips that are added one by one.
+#[derive(Debug)]
+pub struct RangeTally([SpanTally; SPANS.len()]);
+
+impl Default for RangeTally {
+    fn default() -> Self {
+        Self(SPANS.map(|_| SpanTally {
+            targets: 0,
+            bins: Default::default(),
+            firsts: Sorter::new(|a, b| a.total_cmp(&b)),
+            farthest: None,
+        }))
+    }
+}
+
+impl RangeTally {
+    /// Adds a clip.
+    ///
+    /// # Errors
+    /// [`FileError::Write`] of a temporary file.
+    pub fn add(&mut self, clip: &ClipTracks, facts: &Facts) -> Result<(), FileError> {
+        // First distance of each target's track, if there was one.
+        let mut firsts: BTreeMap<(usize, i64), Option<f64>> = BTreeMap::new();
         for sample in &clip.ranges {
             let place = usize::try_from(sample.id - 1).ok();
             let Some(&span) = place.and_then(|place| facts.spans_m.get(place)) else { continue };
-            let group = group(span);
+            let group = SPANS.iter().position(|(_, bound)| span < *bound).unwrap_or(0);
             let bin = BOUNDS_M.partition_point(|&bound| bound <= sample.range_m);
-            let count = &mut counts[group][bin.min(BOUNDS_M.len() - 1)];
+            let own = &mut self.0[group];
+            let count = &mut own.bins[bin.min(BOUNDS_M.len() - 1)];
             count.0 += 1;
-            let first = firsts[group].entry((number, sample.id)).or_default();
+            let first = firsts.entry((group, sample.id)).or_default();
             if sample.tracked {
                 count.1 += 1;
                 first.get_or_insert(sample.range_m);
-                farthest[group] = Some(farthest[group].unwrap_or(0.0).max(sample.range_m));
+                own.farthest = Some(own.farthest.unwrap_or(0.0).max(sample.range_m));
             }
         }
+        firsts.into_iter().try_for_each(|((group, _), first)| {
+            let own = &mut self.0[group];
+            own.targets += 1;
+            first.map_or(Ok(()), |first| own.firsts.push(first, false))
+        })
     }
-    let figure = |(i, (name, _)): (usize, &(&'static str, f64))| {
-        let bin = |(b, &(frames, tracked)): (usize, &(u64, u64))| RangeBin {
-            from_m: if b == 0 { 0.0 } else { BOUNDS_M[b - 1] },
-            to_m: Some(BOUNDS_M[b]).filter(|bound| bound.is_finite()),
-            frames,
-            tracked: (frames > 0).then(|| tracked as f64 / frames as f64),
-        };
-        let seen: Vec<f64> = firsts[i].values().copied().flatten().collect();
-        SpanRanges {
-            name,
-            targets: firsts[i].len(),
-            tracked: seen.len(),
-            first_track_m: quantile(&seen, 0.5),
-            farthest_m: farthest[i],
-            bins: counts[i].iter().enumerate().map(bin).collect(),
+
+    /// The groups of span that occur; empty where no distances are known.
+    ///
+    /// # Errors
+    /// As [`RangeTally::add`].
+    pub fn figures(self) -> Result<Vec<SpanRanges>, FileError> {
+        let mut groups = Vec::new();
+        for ((name, _), own) in SPANS.iter().zip(self.0) {
+            if own.targets == 0 {
+                continue;
+            }
+            let bin = |(b, &(frames, tracked)): (usize, &(u64, u64))| RangeBin {
+                from_m: if b == 0 { 0.0 } else { BOUNDS_M[b - 1] },
+                to_m: Some(BOUNDS_M[b]).filter(|bound| bound.is_finite()),
+                frames,
+                tracked: (frames > 0).then(|| tracked as f64 / frames as f64),
+            };
+            let firsts = own.firsts.finish();
+            groups.push(SpanRanges {
+                name,
+                targets: own.targets,
+                tracked: usize::try_from(firsts.len()).unwrap_or(usize::MAX),
+                first_track_m: firsts.quantile(0.5)?,
+                farthest_m: own.farthest,
+                bins: own.bins.iter().enumerate().map(bin).collect(),
+            });
         }
-    };
-    let all = SPANS.iter().enumerate().map(figure);
-    all.filter(|group| group.targets > 0).collect()
+        Ok(groups)
+    }
 }
 
 /// The table for a terminal; a cell is the share of frames with a track, and the frames.
@@ -147,7 +190,9 @@ mod tests {
             ..ClipTracks::default()
         };
         let facts = Facts { spans_m: vec![0.55, 12.0], ..Facts::default() };
-        let groups = figures(&[(&clip, &facts)]);
+        let mut tally = RangeTally::default();
+        tally.add(&clip, &facts).unwrap();
+        let groups = tally.figures().unwrap();
         assert_eq!(groups.len(), 2);
         assert_eq!((groups[0].targets, groups[0].tracked), (1, 1));
         assert_eq!((groups[0].first_track_m, groups[0].farthest_m), (Some(32.0), Some(32.0)));
@@ -159,6 +204,6 @@ mod tests {
         assert_eq!((groups[1].tracked, groups[1].first_track_m), (0, None));
         let text = table(&groups).text();
         assert!(text.contains("30 to 40") && text.contains("0.50 of 2"), "{text}");
-        assert!(figures(&[]).is_empty());
+        assert!(RangeTally::default().figures().unwrap().is_empty());
     }
 }

@@ -6,6 +6,8 @@
 
 use crate::detector::Detections;
 use crate::shell::sources::Frame;
+use crate::shell::support::file_error::FileError;
+use crate::shell::support::sorter::Sorter;
 use serde::{Deserialize, Serialize};
 use std::vec::Vec;
 
@@ -98,27 +100,51 @@ pub struct RegistrationFigures {
     pub residual_95: Option<f64>,
 }
 
-impl RegistrationFigures {
+/// Registration over clips that are added one by one.
+#[derive(Debug)]
+pub struct RegistrationTally {
+    frames: u64,
+    registered: u64,
+    /// Residuals without and with registration.
+    residuals: [Sorter; 2],
+}
+
+impl Default for RegistrationTally {
+    fn default() -> Self {
+        let residuals = [(); 2].map(|()| Sorter::new(|a, b| a.total_cmp(&b)));
+        Self { frames: 0, registered: 0, residuals }
+    }
+}
+
+impl RegistrationTally {
+    /// Adds a clip.
+    ///
+    /// # Errors
+    /// [`FileError::Write`] of a temporary file.
+    pub fn add(&mut self, clip: &ClipRegistration) -> Result<(), FileError> {
+        self.frames += clip.frames;
+        self.registered += clip.registered;
+        let [without, with] = &mut self.residuals;
+        clip.residuals.iter().try_for_each(|pair| {
+            without.push(pair[0], false)?;
+            with.push(pair[1], false)
+        })
+    }
+
     /// Figures over the clips.
-    pub fn new<'c>(clips: impl Iterator<Item = &'c ClipRegistration>) -> Self {
-        let mut all = ClipRegistration::default();
-        for clip in clips {
-            all.frames += clip.frames;
-            all.registered += clip.registered;
-            all.residuals.extend_from_slice(&clip.residuals);
-        }
-        let quantile = |which: usize, share: f64| {
-            let mut values: Vec<f64> = all.residuals.iter().map(|pair| pair[which]).collect();
-            values.sort_by(f64::total_cmp);
-            values.get((values.len().saturating_sub(1) as f64 * share).round() as usize).copied()
-        };
-        Self {
-            frames: all.frames,
-            share_registered: (all.frames > 0).then(|| all.registered as f64 / all.frames as f64),
-            residual_without: quantile(0, 0.5),
-            residual: quantile(1, 0.5),
-            residual_95: quantile(1, 0.95),
-        }
+    ///
+    /// # Errors
+    /// As [`RegistrationTally::add`].
+    pub fn figures(self) -> Result<RegistrationFigures, FileError> {
+        let [without, with] = self.residuals.map(Sorter::finish);
+        let share = self.registered as f64 / self.frames as f64;
+        Ok(RegistrationFigures {
+            frames: self.frames,
+            share_registered: (self.frames > 0).then_some(share),
+            residual_without: without.quantile(0.5)?,
+            residual: with.quantile(0.5)?,
+            residual_95: with.quantile(0.95)?,
+        })
     }
 }
 
@@ -154,9 +180,14 @@ mod tests {
             residuals: residuals.into(),
         };
         let clips = [clip(4, &[[9.0, 1.0], [8.0, 2.0], [7.0, 3.0]]), clip(0, &[])];
-        let figures = RegistrationFigures::new(clips.iter());
-        assert_eq!((figures.frames, figures.share_registered), (4, Some(0.75)));
-        assert_eq!((figures.residual_without, figures.residual), (Some(8.0), Some(2.0)));
-        assert_eq!(RegistrationFigures::new(clips[1..].iter()), RegistrationFigures::default());
+        let figures = |clips: &[ClipRegistration]| {
+            let mut tally = RegistrationTally::default();
+            clips.iter().for_each(|clip| tally.add(clip).unwrap());
+            tally.figures().unwrap()
+        };
+        let all = figures(&clips);
+        assert_eq!((all.frames, all.share_registered), (4, Some(0.75)));
+        assert_eq!((all.residual_without, all.residual), (Some(8.0), Some(2.0)));
+        assert_eq!(figures(&clips[1..]), RegistrationFigures::default());
     }
 }

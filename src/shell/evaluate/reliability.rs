@@ -37,38 +37,64 @@ pub fn score_of(model: &Model<'_>, precision: f64) -> Option<f64> {
     model.calibration().threshold(wanted).map(|bits| Decimal::score(bits).to_f64())
 }
 
-/// The rows whose scores are `least` or more, which was the least that the detector reported.
-pub fn rows(
-    model: &Model<'_>,
-    least: Option<f64>,
-    matches: &[ClipMatches],
-    bootstrap: &Bootstrap,
-) -> Vec<ReliabilityRow> {
-    let scored = STATED.map(|stated| Some((stated, score_of(model, stated)?)));
-    let reported = |(_, score): &(f64, f64)| least.is_none_or(|least| *score >= least);
-    let rows = scored.into_iter().flatten().filter(reported);
-    rows.map(|(stated, score)| row(stated, score, matches, bootstrap)).collect()
+/// Counts of right and wrong detections, by clip, for each row of the table.
+#[derive(Debug, Default)]
+pub struct ReliabilityTally {
+    rows: Vec<RowTally>,
+    targets: usize,
 }
 
-fn row(stated: f64, score: f64, matches: &[ClipMatches], bootstrap: &Bootstrap) -> ReliabilityRow {
-    let count = |clip: &ClipMatches| {
-        let counted = clip.detections.iter().filter(|d| d.score >= score);
-        counted.fold((0, 0), |(right, wrong), detection| match detection.kind {
-            Match::TruePositive(_) => (right + 1, wrong),
-            Match::FalsePositive => (right, wrong + 1),
-            Match::Ignored { .. } => (right, wrong),
-        })
-    };
-    let counts: Vec<(u64, u64)> = matches.iter().map(count).collect();
-    let (right, wrong) =
-        counts.iter().fold((0, 0), |(right, wrong), clip| (right + clip.0, wrong + clip.1));
-    let targets: usize = matches.iter().map(|clip| clip.targets.len()).sum();
-    ReliabilityRow {
-        stated,
-        score,
-        detections: right + wrong,
-        found: bootstrap.share(&counts),
-        recall: (targets > 0).then(|| right as f64 / targets as f64),
+#[derive(Debug)]
+struct RowTally {
+    stated: f64,
+    score: f64,
+    counts: Vec<(u64, u64)>,
+}
+
+impl ReliabilityTally {
+    /// For the rows whose scores are `least` or more, which was the least that the detector reported.
+    pub fn new(model: &Model<'_>, least: Option<f64>) -> Self {
+        let scored = STATED.map(|stated| Some((stated, score_of(model, stated)?)));
+        let reported = |(_, score): &(f64, f64)| least.is_none_or(|least| *score >= least);
+        Self::of_scores(scored.into_iter().flatten().filter(reported))
+    }
+
+    fn of_scores(scored: impl Iterator<Item = (f64, f64)>) -> Self {
+        let rows = scored.map(|(stated, score)| RowTally { stated, score, counts: Vec::new() });
+        Self { rows: rows.collect(), targets: 0 }
+    }
+
+    /// Adds a clip.
+    pub fn add(&mut self, clip: &ClipMatches) {
+        self.targets += clip.targets.len();
+        for row in &mut self.rows {
+            let counted = clip.detections.iter().filter(|d| d.score >= row.score);
+            row.counts.push(counted.fold(
+                (0, 0),
+                |(right, wrong), detection| match detection.kind {
+                    Match::TruePositive(_) => (right + 1, wrong),
+                    Match::FalsePositive => (right, wrong + 1),
+                    Match::Ignored { .. } => (right, wrong),
+                },
+            ));
+        }
+    }
+
+    /// The rows of the table; `bootstrap` draws as many clips as were added.
+    pub fn rows(self, bootstrap: &Bootstrap) -> Vec<ReliabilityRow> {
+        let targets = self.targets;
+        let row = |RowTally { stated, score, counts }| {
+            let sum = |of: &dyn Fn(&(u64, u64)) -> u64| counts.iter().map(of).sum::<u64>();
+            let (right, wrong) = (sum(&|clip| clip.0), sum(&|clip| clip.1));
+            ReliabilityRow {
+                stated,
+                score,
+                detections: right + wrong,
+                found: bootstrap.share(&counts),
+                recall: (targets > 0).then(|| right as f64 / targets as f64),
+            }
+        };
+        self.rows.into_iter().map(row).collect()
     }
 }
 
@@ -121,13 +147,18 @@ mod tests {
         };
         let matches: Vec<ClipMatches> = (0..4).map(clip).collect();
         let bootstrap = Bootstrap::new(4, 200, 1);
-        let high = row(0.9, 2.5, &matches, &bootstrap);
+        let row = |score: f64| {
+            let mut tally = ReliabilityTally::of_scores([(0.9, score)].into_iter());
+            matches.iter().for_each(|clip| tally.add(clip));
+            tally.rows(&bootstrap).remove(0)
+        };
+        let high = row(2.5);
         assert_eq!((high.detections, high.found.value, high.recall), (12, Some(1.0), Some(0.5)));
-        let low = row(0.5, 0.5, &matches, &bootstrap);
+        let low = row(0.5);
         assert_eq!((low.detections, low.recall), (36, Some(1.0)));
         let Interval { value, low, high } = low.found;
         assert_eq!(value, Some(24.0 / 36.0));
         assert!(low < Some(0.6) && high > Some(0.75), "{low:?} {high:?}");
-        assert!(row(0.5, 9.0, &matches, &bootstrap).found.value.is_none());
+        assert!(row(9.0).found.value.is_none());
     }
 }

@@ -24,28 +24,73 @@ struct Tally {
     found: usize,
 }
 
-/// Accumulates matched clips into one report.
+/// Targets, and those found at any score, by size and class.
+#[derive(Debug, Clone, Default)]
+pub struct Tallies {
+    sizes: [Tally; SIZES.len()],
+    classes: [Tally; Class::TARGETS.len()],
+}
+
+impl Tallies {
+    /// Adds the targets of a clip.
+    pub fn add(&mut self, matches: &ClipMatches) {
+        for target in &matches.targets {
+            self.sizes[size(&target.truth)].targets += 1;
+            self.classes[class(&target.truth)].targets += 1;
+        }
+        for detection in &matches.detections {
+            if let Match::TruePositive(index) = detection.kind {
+                let target = &matches.targets[index].truth;
+                self.sizes[size(target)].found += 1;
+                self.classes[class(target)].found += 1;
+            }
+        }
+    }
+
+    /// Number of targets.
+    pub fn targets(&self) -> usize {
+        self.sizes.iter().map(|tally| tally.targets).sum()
+    }
+
+    /// Recall by size.
+    pub fn by_size(&self) -> Vec<Share> {
+        let sizes = self.sizes.iter().enumerate();
+        sizes.map(|(i, tally)| share(matching::size_name(i), tally)).collect()
+    }
+
+    /// Recall by class, of those that occur.
+    pub fn by_class(&self) -> Vec<Share> {
+        let classes = Class::TARGETS.iter().zip(&self.classes);
+        classes
+            .filter(|(_, tally)| tally.targets > 0)
+            .map(|(class, tally)| share(class.name().into(), tally))
+            .collect()
+    }
+}
+
+fn share(name: String, tally: &Tally) -> Share {
+    Share {
+        name,
+        recall: (tally.targets > 0).then(|| tally.found as f64 / tally.targets as f64),
+        targets: tally.targets,
+    }
+}
+
+/// Accumulates matched clips into one report, all detections in memory: for figures over resamples, and the oracle of
+/// `accuracy`.
 #[derive(Debug, Clone)]
 pub struct Scorer {
     iou: f64,
     warmup: u64,
     clips: Vec<ClipCount>,
     outcomes: Vec<RankedDetection>,
-    sizes: [Tally; SIZES.len()],
-    classes: [Tally; Class::TARGETS.len()],
+    tallies: Tallies,
 }
 
 impl Scorer {
     /// A detection is right when its intersection over union with a target is at least `iou`.
     pub fn new(iou: f64, warmup: u64) -> Self {
-        Self {
-            iou,
-            warmup,
-            clips: Vec::new(),
-            outcomes: Vec::new(),
-            sizes: Default::default(),
-            classes: Default::default(),
-        }
+        Self { iou, warmup, clips: Vec::new(), outcomes: Vec::new(), tallies: Tallies::default() }
     }
 
     /// Matches a clip and adds it. The result depends on the order of clips only where scores are equal.
@@ -57,16 +102,8 @@ impl Scorer {
     pub fn add_matches(&mut self, matches: &ClipMatches) {
         let clip = self.clips.len();
         self.clips.push(ClipCount { frames: matches.frames, targets: matches.targets.len() });
-        for target in &matches.targets {
-            self.sizes[size(&target.truth)].targets += 1;
-            self.classes[class(&target.truth)].targets += 1;
-        }
+        self.tallies.add(matches);
         for detection in &matches.detections {
-            if let Match::TruePositive(index) = detection.kind {
-                let target = &matches.targets[index].truth;
-                self.sizes[size(target)].found += 1;
-                self.classes[class(target)].found += 1;
-            }
             self.outcomes.extend(detection.outcome(clip));
         }
     }
@@ -78,36 +115,22 @@ impl Scorer {
 
     /// The figures of all clips together.
     pub fn report(self) -> AccuracyReport {
-        let (iou, sizes, classes) = (self.iou, self.sizes, self.classes);
+        let (iou, tallies) = (self.iou, self.tallies.clone());
         let ranking = self.ranking();
         let all = ranking.whole();
         let curve = ranking.curve(&all);
-        let share = |name: String, tally: &Tally| Share {
-            name,
-            recall: (tally.targets > 0).then(|| tally.found as f64 / tally.targets as f64),
-            targets: tally.targets,
-        };
         AccuracyReport {
             average_precision: ranking.average_precision(&all),
             iou,
             frames: ranking.clips().iter().map(|clip| clip.frames).sum(),
-            positives: sizes.iter().map(|tally| tally.targets).sum(),
+            positives: tallies.targets(),
             detections: ranking.outcomes().len(),
             recall_at_precision: PRECISIONS.map(|p| {
                 curve.iter().filter(|c| c.precision >= p).map(|c| c.recall).fold(0.0, f64::max)
             }),
             recall_at_false_alarms: FALSE_ALARMS.map(|n| ranking.recall_at(&all, n)),
-            by_size: sizes
-                .iter()
-                .enumerate()
-                .map(|(i, t)| share(matching::size_name(i), t))
-                .collect(),
-            by_class: Class::TARGETS
-                .iter()
-                .zip(&classes)
-                .filter(|(_, tally)| tally.targets > 0)
-                .map(|(class, tally)| share(class.name().into(), tally))
-                .collect(),
+            by_size: tallies.by_size(),
+            by_class: tallies.by_class(),
         }
     }
 }

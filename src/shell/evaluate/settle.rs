@@ -1,9 +1,11 @@
 //! Clips after their turn: which count, and what their frames say of labels and rate.
 
 use super::clip_run::ClipResult;
+use super::facts::Facts;
 use super::report::Plan;
 use super::splits::Splits;
 use crate::shell::error::Error;
+use crate::shell::formats::clips::Clip;
 use crate::shell::pipeline::PipelineError;
 use crate::shell::support::file_error::FileError;
 use std::string::{String, ToString};
@@ -39,13 +41,18 @@ pub fn settle(
     let results: Vec<ClipResult> = tried.into_iter().filter_map(Result::ok).collect();
     let facts = splits.facts.iter_mut();
     for ((clip, facts), result) in splits.clips.iter_mut().zip(facts).zip(&results) {
-        if result.frames > 0 {
-            clip.ground_truth.end_at(result.frames);
-        }
-        if result.size.0 > 0 {
-            clip.info.size = Some((result.size.0 as u32, result.size.1 as u32));
-        }
-        facts.measured(result.rate);
+        measured(clip, facts, result);
     }
     results
+}
+
+/// Takes from a clip's result what its frames say of labels and rate.
+pub fn measured(clip: &mut Clip, facts: &mut Facts, result: &ClipResult) {
+    if result.frames > 0 {
+        clip.ground_truth.end_at(result.frames);
+    }
+    if result.size.0 > 0 {
+        clip.info.size = Some((result.size.0 as u32, result.size.1 as u32));
+    }
+    facts.measured(result.rate);
 }

@@ -113,27 +113,35 @@ impl Splits {
     /// Lists the clips that took no part on standard error.
     ///
     /// # Errors
-    /// [`Error::BrokenClips`](crate::shell::evaluate::EvaluateError::BrokenClips) when there is one.
+    /// As [`complain`].
     pub fn complain(&self) -> Result<(), Error> {
-        for UnusableClip { clip, reason } in &self.broken {
-            eprintln!("lookout: {clip} left out: {}", reason.replace(['\r', '\n'], " "));
-        }
-        match self.broken.len() {
-            0 => Ok(()),
-            broken => {
-                Err(EvaluateError::BrokenClips { broken, all: broken + self.clips.len() }.into())
-            }
-        }
+        complain(&self.broken, self.clips.len())
     }
 
     /// Prints what the labels of the clips needed a word about on standard error.
     pub fn note_labels(&self) {
-        for clip in &self.clips {
-            for sentence in clip.ground_truth.notes.sentences() {
-                eprintln!("lookout: {}: labels: {sentence}", clip.name);
-            }
-        }
+        self.clips.iter().flat_map(label_notes).for_each(|note| eprintln!("{note}"));
     }
+}
+
+/// Lists the clips that took no part on standard error; `others` did.
+///
+/// # Errors
+/// [`Error::BrokenClips`](crate::shell::evaluate::EvaluateError::BrokenClips) when there is one.
+pub fn complain(broken: &[UnusableClip], others: usize) -> Result<(), Error> {
+    for UnusableClip { clip, reason } in broken {
+        eprintln!("lookout: {clip} left out: {}", reason.replace(['\r', '\n'], " "));
+    }
+    match broken.len() {
+        0 => Ok(()),
+        broken => Err(EvaluateError::BrokenClips { broken, all: broken + others }.into()),
+    }
+}
+
+/// Lines about labels of a clip that needed a word.
+pub fn label_notes(clip: &Clip) -> impl Iterator<Item = String> + '_ {
+    let sentences = clip.ground_truth.notes.sentences().into_iter();
+    sentences.map(|sentence| format!("lookout: {}: labels: {sentence}", clip.name))
 }
 
 /// Keeps the items whose place in `kept` is true.

@@ -1,19 +1,16 @@
 //! All figures of a run, as `lookout eval` and `lookout score` print them: tables for a person, or one line of JSON.
 
-use super::bootstrap::{Bootstrap, RESAMPLES, SEED};
-use super::clip_run::{ClipResult, ScanCounts, ScanFigures};
-use super::facts::Facts;
-use super::kinds::{self, KindClip};
-use super::matching::{self, ClipMatches, WARMUP};
+use super::clip_run::ScanFigures;
+use super::kinds;
 use super::ranges::{self, SpanRanges};
 use super::registration::RegistrationFigures;
 use super::reliability::{self, WORKING_PRECISION};
 use super::report::{IOUS, InUse, LOOSE};
-use super::score::{AccuracyReport, FALSE_ALARMS, PRECISIONS, Scorer};
-use super::splits::{Splits, UnusableClip};
+use super::score::{AccuracyReport, FALSE_ALARMS, PRECISIONS};
+use super::splits::UnusableClip;
 use super::table::{Table, number};
 use super::track_figures::TrackFigures;
-use super::without_target::{QuietClip, WithoutTarget};
+use super::without_target::WithoutTarget;
 use crate::model::Model;
 use crate::shell::error::Error;
 use crate::shell::support::print::print_line;
@@ -53,150 +50,69 @@ impl WorkingPoint {
 
 /// Accuracy on the clips of one split.
 #[derive(Debug, Clone, Serialize)]
-struct SplitSummary {
-    data: String,
-    clips: usize,
-    hours: f64,
-    reports: Vec<AccuracyReport>,
+pub struct SplitSummary {
+    /// Folder of the split, as the user named it.
+    pub data: String,
+    /// Number of clips.
+    pub clips: usize,
+    /// Length of the clips, hours.
+    pub hours: f64,
+    /// By intersection over union.
+    pub reports: Vec<AccuracyReport>,
 }
 
 /// All figures of a run.
 #[derive(Debug, Clone, Serialize)]
 pub struct EvaluationSummary {
+    /// Name of the method, where several are run.
     #[serde(skip_serializing_if = "Option::is_none")]
-    method: Option<String>,
-    data: Vec<String>,
-    clips: usize,
+    pub method: Option<String>,
+    /// Folders of the splits.
+    pub data: Vec<String>,
+    /// Number of clips.
+    pub clips: usize,
     /// Length of all clips, hours.
-    hours: f64,
+    pub hours: f64,
     /// By intersection over union.
-    reports: Vec<AccuracyReport>,
+    pub reports: Vec<AccuracyReport>,
     /// By split, where there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    splits: Vec<SplitSummary>,
-    working_point: WorkingPoint,
+    pub splits: Vec<SplitSummary>,
+    /// Score from which on detections count where one must be chosen.
+    pub working_point: WorkingPoint,
+    /// The model's precisions against those found.
     #[serde(skip_serializing_if = "Option::is_none")]
-    reliability: Option<Vec<reliability::ReliabilityRow>>,
+    pub reliability: Option<Vec<reliability::ReliabilityRow>>,
+    /// Recall by kind of encounter.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    kinds: Vec<kinds::KindRow>,
+    pub kinds: Vec<kinds::KindRow>,
+    /// False reports an hour on clips without a target.
     #[serde(skip_serializing_if = "Option::is_none")]
-    without_target: Option<WithoutTarget>,
+    pub without_target: Option<WithoutTarget>,
+    /// Counts of the scan.
     #[serde(skip_serializing_if = "Option::is_none")]
-    scan: Option<ScanFigures>,
+    pub scan: Option<ScanFigures>,
+    /// Registration over all clips.
     #[serde(skip_serializing_if = "Option::is_none")]
-    registration: Option<RegistrationFigures>,
+    pub registration: Option<RegistrationFigures>,
+    /// Figures of tracks and warnings.
     #[serde(skip_serializing_if = "Option::is_none")]
-    tracks: Option<TrackFigures>,
+    pub tracks: Option<TrackFigures>,
+    /// Tracks by distance.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    ranges: Vec<SpanRanges>,
+    pub ranges: Vec<SpanRanges>,
     /// Clips that took no part.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    broken: Vec<UnusableClip>,
-}
-
-/// Inputs of a summary.
-#[derive(Debug, Clone, Copy)]
-pub struct SummaryInputs<'a> {
-    /// Name of the method, where several are run.
-    pub method: Option<&'a str>,
-    /// Splits that were evaluated.
-    pub splits: &'a Splits,
-    /// One result a clip, in the order of the splits.
-    pub results: &'a [ClipResult],
-    /// The model; none where nothing is learned or detections are read from files.
-    pub model: Option<&'a Model<'a>>,
-    /// Least score of detections that count, log-odds.
-    pub least: Option<f64>,
-    /// Whether to print figures of tracks.
-    pub tracks: bool,
+    pub broken: Vec<UnusableClip>,
     /// Field of view that stands in for missing `camera.json`, degrees.
+    #[serde(skip)]
     pub assumed_fov: f64,
-}
-
-/// Length of a clip, hours.
-fn hours(result: &ClipResult, facts: &Facts) -> f64 {
-    result.frames as f64 / facts.rate / 3600.0
+    /// Whether there are frames smaller than the shipped model is made for.
+    #[serde(skip)]
+    pub small_frames: bool,
 }
 
 impl EvaluationSummary {
-    /// Summary of a run.
-    pub fn new(parts: SummaryInputs<'_>) -> Self {
-        let SummaryInputs { splits, results, model, .. } = parts;
-        let clips = || splits.clips.iter().zip(results);
-        let matches = IOUS.map(|iou| {
-            let own = clips().map(|(clip, result)| {
-                matching::match_detections(&clip.ground_truth, &result.found, iou, WARMUP)
-            });
-            own.collect::<Vec<ClipMatches>>()
-        });
-        let reports = |wanted: &dyn Fn(usize) -> bool| {
-            let of_iou = |(iou, matches): (&f64, &Vec<ClipMatches>)| {
-                let mut scorer = Scorer::new(*iou, WARMUP);
-                let own = matches.iter().enumerate().filter(|(clip, _)| wanted(*clip));
-                own.for_each(|(_, matches)| scorer.add_matches(matches));
-                scorer.report()
-            };
-            IOUS.iter().zip(&matches).map(of_iou).collect::<Vec<AccuracyReport>>()
-        };
-        let lengths: Vec<f64> =
-            results.iter().zip(&splits.facts).map(|(r, f)| hours(r, f)).collect();
-        let split = |number: usize| SplitSummary {
-            data: format!("{}", splits.folders[number].display()),
-            clips: splits.split.iter().filter(|&&split| split == number).count(),
-            hours: (0..lengths.len())
-                .filter(|&clip| splits.split[clip] == number)
-                .map(|clip| lengths[clip])
-                .sum(),
-            reports: reports(&|clip| splits.split[clip] == number),
-        };
-        let several = splits.folders.len() > 1;
-        let loose = &matches[LOOSE];
-        let point = WorkingPoint::new(model, parts.least);
-        let mut scan = ScanCounts::default();
-        results.iter().for_each(|result| scan.add(&result.scan));
-        let tracks: Vec<_> = results.iter().filter_map(|result| result.tracks.as_ref()).collect();
-        let all_followed = tracks.len() == results.len();
-        let ranged: Vec<_> =
-            tracks.iter().copied().zip(&splits.facts).filter(|_| all_followed).collect();
-        let registration = results.iter().filter_map(|result| result.registration.as_ref());
-        let quiet = (0..results.len()).filter(|&i| !splits.clips[i].ground_truth.has_target());
-        let quiet: Vec<QuietClip<'_>> = quiet
-            .map(|i| QuietClip {
-                matches: &loose[i],
-                tracks: results[i].tracks.as_ref(),
-                facts: &splits.facts[i],
-                hours: lengths[i],
-            })
-            .collect();
-        let kinds: Vec<KindClip<'_>> = (0..results.len())
-            .map(|i| KindClip {
-                matches: &loose[i],
-                textures: (results[i].frames > 0 && model.is_some())
-                    .then_some(results[i].textures.as_slice()),
-                facts: &splits.facts[i],
-            })
-            .collect();
-        let bootstrap = Bootstrap::new(results.len(), RESAMPLES, SEED);
-        Self {
-            method: parts.method.map(Into::into),
-            data: splits.folders.iter().map(|f| format!("{}", f.display())).collect(),
-            clips: results.len(),
-            hours: lengths.iter().sum(),
-            reports: reports(&|_| true),
-            splits: (0..splits.folders.len()).filter(|_| several).map(split).collect(),
-            working_point: point,
-            reliability: model
-                .map(|model| reliability::rows(model, parts.least, loose, &bootstrap)),
-            kinds: kinds::rows(&kinds, point.score),
-            without_target: WithoutTarget::new(&quiet, point.score),
-            scan: model.map(|_| scan.into()),
-            registration: model.map(|_| RegistrationFigures::new(registration)),
-            tracks: (parts.tracks && all_followed).then(|| TrackFigures::new(&tracks)),
-            ranges: ranges::figures(&ranged),
-            broken: splits.broken.clone(),
-        }
-    }
-
     /// The figures that a report shows beside its own.
     pub fn in_use(&self) -> InUse {
         InUse {
@@ -212,7 +128,7 @@ impl EvaluationSummary {
     /// # Errors
     /// [`Error::Write`](crate::shell::support::file_error::FileError::Write).
     #[allow(clippy::expect_used, reason = "numbers and names always make JSON")]
-    pub fn print(&self, parts: SummaryInputs<'_>, json: bool) -> Result<(), Error> {
+    pub fn print(&self, json: bool) -> Result<(), Error> {
         if json {
             let text = serde_json::to_string(self).expect("numbers and names always make JSON");
             return Ok(print_line(&text)?);
@@ -254,7 +170,7 @@ impl EvaluationSummary {
             if tracks.assumed_cameras > 0 {
                 print_line(&format!(
                     "\n{} of {} clips have no camera.json: a horizontal field of view of {} degrees is assumed (--fov).",
-                    tracks.assumed_cameras, self.clips, parts.assumed_fov
+                    tracks.assumed_cameras, self.clips, self.assumed_fov
                 ))?;
             }
             if tracks.without_attitude > 0 {
@@ -264,8 +180,7 @@ impl EvaluationSummary {
                 ))?;
             }
         }
-        let small = |result: &ClipResult| (1..400).contains(&result.size.0);
-        if parts.model.is_some() && parts.results.iter().any(small) {
+        if self.small_frames {
             eprintln!(
                 "lookout: frames less than 400 px wide: the shipped model is made for 640x480; lookout-mini.lkm is for small frames, \
                  or let them be scaled up with --frame 640x480"

@@ -2,6 +2,8 @@
 
 use super::table::{Table, number};
 use super::track_metrics::{ClipTracks, MUST_WARN_TIME, TargetResult};
+use crate::shell::support::file_error::FileError;
+use crate::shell::support::sorter::Sorter;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt;
@@ -92,58 +94,134 @@ pub struct TrackFigures {
     pub falsely_warned: Vec<String>,
 }
 
-impl TrackFigures {
+/// Sums over clips that are added one by one.
+#[derive(Debug)]
+pub struct TrackTally {
+    assumed_cameras: u64,
+    without_attitude: u64,
+    confirmed_tracks: u64,
+    /// Frames of targets, and those covered by the target's most frequent track.
+    frames: u64,
+    covered: u64,
+    id_switches: u64,
+    seconds: f64,
+    false_tracks: u64,
+    /// Angles between tracks and targets, degrees.
+    bearing: Sorter,
+    /// Frames in which the time to contact is compared, and those in which it was known.
+    times: u64,
+    known: u64,
+    /// Errors of the time to contact in seconds, and in parts of the true one.
+    errors: Sorter,
+    shares: Sorter,
+    /// Squares of these errors over the stated ones.
+    honest: f64,
+    collisions: Vec<Collision>,
+    others: u64,
+    falsely_warned: Vec<String>,
+}
+
+impl Default for TrackTally {
+    fn default() -> Self {
+        let [bearing, errors, shares] = [(); 3].map(|()| Sorter::new(|a, b| a.total_cmp(&b)));
+        Self {
+            assumed_cameras: 0,
+            without_attitude: 0,
+            confirmed_tracks: 0,
+            frames: 0,
+            covered: 0,
+            id_switches: 0,
+            seconds: 0.0,
+            false_tracks: 0,
+            bearing,
+            times: 0,
+            known: 0,
+            errors,
+            shares,
+            honest: 0.0,
+            collisions: Vec::new(),
+            others: 0,
+            falsely_warned: Vec::new(),
+        }
+    }
+}
+
+impl TrackTally {
+    /// Adds a clip.
+    ///
+    /// # Errors
+    /// [`FileError::Write`] of a temporary file.
+    pub fn add(&mut self, clip: &ClipTracks) -> Result<(), FileError> {
+        self.assumed_cameras += u64::from(clip.assumed_camera);
+        self.without_attitude += u64::from(!clip.with_attitude);
+        self.confirmed_tracks += clip.tracks.len() as u64;
+        for (_, target) in &clip.targets {
+            self.frames += target.frames;
+            self.covered += target.covered.values().max().copied().unwrap_or(0);
+            self.id_switches += target.switches;
+        }
+        self.seconds += clip.seconds;
+        self.false_tracks += clip.false_tracks;
+        clip.bearing.iter().try_for_each(|&angle| self.bearing.push(angle, false))?;
+        self.times += clip.times.len() as u64;
+        for (time, known) in &clip.times {
+            let Some((value, sigma)) = known else { continue };
+            let error = (value - time).abs();
+            self.known += 1;
+            self.honest += (error / sigma.max(1e-3)).powi(2);
+            self.errors.push(error, false)?;
+            self.shares.push(error / time, false)?;
+        }
+        if clip.kind == "collision" {
+            let targets = clip.targets.iter();
+            self.collisions.extend(targets.map(|(_, target)| Collision::new(&clip.name, target)));
+        } else {
+            self.others += 1;
+        }
+        if clip.false_warning {
+            let name = format!("{} {}", clip.name, clip.kind);
+            self.falsely_warned.push(name.trim_end().into());
+        }
+        Ok(())
+    }
+
     /// Figures over the clips.
-    pub fn new(clips: &[&ClipTracks]) -> Self {
-        let targets = || clips.iter().flat_map(|c| c.targets.iter().map(|(_, t)| t));
-        let frames: u64 = targets().map(|t| t.frames).sum();
-        let covered: u64 = targets().filter_map(|t| t.covered.values().max()).sum();
-        let seconds: f64 = clips.iter().map(|c| c.seconds).sum();
-        let false_tracks: u64 = clips.iter().map(|c| c.false_tracks).sum();
-        let bearing: Vec<f64> = clips.iter().flat_map(|c| c.bearing.iter().copied()).collect();
-        let times = || clips.iter().flat_map(|c| c.times.iter());
-        let known: Vec<(f64, f64, f64)> =
-            times().filter_map(|(t, known)| known.map(|(v, s)| (*t, (v - t).abs(), s))).collect();
-        let honest = known.iter().map(|(_, e, s)| (e / s.max(1e-3)).powi(2)).sum::<f64>();
-        let collisions: Vec<Collision> = clips
-            .iter()
-            .filter(|c| c.kind == "collision")
-            .flat_map(|c| c.targets.iter().map(|(_, target)| Collision::new(&c.name, target)))
-            .collect();
+    ///
+    /// # Errors
+    /// As [`TrackTally::add`].
+    pub fn figures(self) -> Result<TrackFigures, FileError> {
+        let share = |part: f64, whole: u64| (whole > 0).then(|| part / whole as f64);
+        let Self { seconds, collisions, falsely_warned, .. } = self;
+        let [bearing, errors, shares] =
+            [self.bearing, self.errors, self.shares].map(Sorter::finish);
         let must = || collisions.iter().filter(|c| c.longest_px > MUST_WARN_SIZE);
         let in_time = || must().filter(|c| c.in_time());
         let warned: Vec<f64> = must().filter_map(|c| c.warned_s).collect();
-        let falsely = clips.iter().filter(|c| c.false_warning);
-        let falsely: Vec<String> =
-            falsely.map(|c| format!("{} {}", c.name, c.kind).trim_end().into()).collect();
-        let count =
-            |of: &dyn Fn(&ClipTracks) -> bool| clips.iter().filter(|c| of(c)).count() as u64;
-        let share = |part: f64, whole: u64| (whole > 0).then(|| part / whole as f64);
-        let known_count = known.len() as u64;
-        Self {
-            assumed_cameras: count(&|c| c.assumed_camera),
-            without_attitude: count(&|c| !c.with_attitude),
-            confirmed_tracks: clips.iter().map(|c| c.tracks.len() as u64).sum(),
-            continuity: share(covered as f64, frames),
-            id_switches: targets().map(|t| t.switches).sum(),
-            false_tracks_per_minute: (seconds > 0.0).then(|| false_tracks as f64 * 60.0 / seconds),
-            bearing_error_deg: quantile(&bearing, 0.5)
-                .zip(quantile(&bearing, 0.95))
+        let false_tracks = self.false_tracks as f64 * 60.0 / seconds;
+        Ok(TrackFigures {
+            assumed_cameras: self.assumed_cameras,
+            without_attitude: self.without_attitude,
+            confirmed_tracks: self.confirmed_tracks,
+            continuity: share(self.covered as f64, self.frames),
+            id_switches: self.id_switches,
+            false_tracks_per_minute: (seconds > 0.0).then_some(false_tracks),
+            bearing_error_deg: (bearing.quantile(0.5)?)
+                .zip(bearing.quantile(0.95)?)
                 .map(|(half, most)| [half, most]),
-            time_known: share(known.len() as f64, times().count() as u64),
-            time_error_s: quantile(&known.iter().map(|k| k.1).collect::<Vec<_>>(), 0.5),
-            time_error_share: quantile(&known.iter().map(|k| k.1 / k.0).collect::<Vec<_>>(), 0.5),
-            time_error_over_sigma: share(honest, known_count).map(f64::sqrt),
+            time_known: share(self.known as f64, self.times),
+            time_error_s: errors.quantile(0.5)?,
+            time_error_share: shares.quantile(0.5)?,
+            time_error_over_sigma: share(self.honest, self.known).map(f64::sqrt),
             to_warn: must().count() as u64,
             warned_in_time: in_time().count() as u64,
             flights_to_warn: flights(must()),
             flights_warned_in_time: flights(in_time()),
             warned_before_s: quantile(&warned, 0.5),
-            others: count(&|c| c.kind != "collision"),
-            false_warnings: falsely.len() as u64,
+            others: self.others,
+            false_warnings: falsely_warned.len() as u64,
             collisions,
-            falsely_warned: falsely,
-        }
+            falsely_warned,
+        })
     }
 }
 

@@ -91,44 +91,69 @@ pub struct WithoutTarget {
     pub events: Vec<EventRates>,
 }
 
-impl WithoutTarget {
-    /// Of clips; none where there is no such clip. Detections count from `score` on.
-    pub fn new(clips: &[QuietClip<'_>], score: Option<f64>) -> Option<Self> {
-        if clips.is_empty() {
-            return None;
-        }
-        let hours = clips.iter().map(|clip| clip.hours).sum();
-        let detections = |clip: &QuietClip<'_>, bird: bool| {
+/// Kinds of events of tracks.
+const OF_TRACKS: [(&str, Count); 3] = [
+    ("confirmed false tracks", |_| 1),
+    ("cautions", |track| track.cautions),
+    ("warnings", |track| track.warnings),
+];
+
+/// Events by cause.
+type Causes = [u64; CAUSES.len()];
+
+/// Counts over clips without a target.
+#[derive(Debug, Default)]
+pub struct WithoutTargetTally {
+    clips: usize,
+    hours: f64,
+    detections: Causes,
+    of_tracks: [Causes; OF_TRACKS.len()],
+    /// Whether nothing was followed in one of them.
+    not_followed: bool,
+}
+
+impl WithoutTargetTally {
+    /// Adds a clip. Detections count from `score` on.
+    pub fn add(&mut self, clip: &QuietClip<'_>, score: Option<f64>) {
+        self.clips += 1;
+        self.hours += clip.hours;
+        self.not_followed |= clip.tracks.is_none();
+        for bird in [true, false] {
+            let own = cause(clip.facts, bird);
+            let place = CAUSES.iter().position(|(cause, _)| *cause == own).unwrap_or(0);
             let counted = |d: f64| score.is_none_or(|score| d >= score);
             let found = clip.matches.detections.iter().filter(|d| counted(d.score));
-            found
-                .filter(|d| match d.kind {
-                    Match::Ignored { bird: on } => on && bird,
-                    Match::FalsePositive => !bird,
-                    Match::TruePositive(_) => false,
-                })
-                .count() as u64
-        };
-        let of_tracks = |of: Count| {
-            move |clip: &QuietClip<'_>, bird: bool| {
-                let tracks = clip.tracks.into_iter().flat_map(|tracks| &tracks.tracks);
-                tracks.filter(|track| track.is_bird() == bird).map(of).sum::<u64>()
-            }
-        };
-        let mut events = vec![events("false detections", clips, hours, &detections)];
-        if clips.iter().all(|clip| clip.tracks.is_some()) {
-            let kinds: [(&'static str, Count); 3] = [
-                ("confirmed false tracks", |_| 1),
-                ("cautions", |track| track.cautions),
-                ("warnings", |track| track.warnings),
-            ];
-            for (name, of) in kinds {
-                events.push(self::events(name, clips, hours, &of_tracks(of)));
+            let found = found.filter(|d| match d.kind {
+                Match::Ignored { bird: on } => on && bird,
+                Match::FalsePositive => !bird,
+                Match::TruePositive(_) => false,
+            });
+            self.detections[place] += found.count() as u64;
+            let tracks = clip.tracks.into_iter().flat_map(|tracks| &tracks.tracks);
+            for track in tracks.filter(|track| track.is_bird() == bird) {
+                for (counts, (_, of)) in self.of_tracks.iter_mut().zip(OF_TRACKS) {
+                    counts[place] += of(track);
+                }
             }
         }
-        Some(Self { clips: clips.len(), hours, score, events })
     }
 
+    /// The figures; none where there is no such clip.
+    pub fn figures(self, score: Option<f64>) -> Option<WithoutTarget> {
+        let Self { clips, hours, detections, of_tracks, not_followed } = self;
+        if clips == 0 {
+            return None;
+        }
+        let mut rates = vec![events("false detections", &detections, hours)];
+        if !not_followed {
+            let tracks = OF_TRACKS.iter().zip(&of_tracks);
+            rates.extend(tracks.map(|((name, _), counts)| events(name, counts, hours)));
+        }
+        Some(WithoutTarget { clips, hours, score, events: rates })
+    }
+}
+
+impl WithoutTarget {
     /// Name and rate of each kind of event, causes behind their kind.
     pub fn rows(&self) -> Vec<(String, PoissonRate)> {
         let mut rows = Vec::new();
@@ -154,25 +179,12 @@ impl WithoutTarget {
     }
 }
 
-/// Counts the events of each cause; `count` gives those of a clip that are on birds, or are not.
-fn events(
-    name: &'static str,
-    clips: &[QuietClip<'_>],
-    hours: f64,
-    count: &dyn Fn(&QuietClip<'_>, bool) -> u64,
-) -> EventRates {
-    let mut counts = [0; CAUSES.len()];
-    for clip in clips {
-        for bird in [true, false] {
-            let own = cause(clip.facts, bird);
-            let place = CAUSES.iter().position(|(cause, _)| *cause == own).unwrap_or(0);
-            counts[place] += count(clip, bird);
-        }
-    }
+/// Rates of events of which there were so many of each cause.
+fn events(name: &'static str, counts: &Causes, hours: f64) -> EventRates {
     let of_cause = |(&(cause, _), &count): (&(FalseReportCause, &str), &u64)| {
         (count > 0).then(|| CauseRate { cause, rate: PoissonRate::new(count, hours) })
     };
-    let by_cause = CAUSES.iter().zip(&counts).filter_map(of_cause).collect();
+    let by_cause = CAUSES.iter().zip(counts).filter_map(of_cause).collect();
     EventRates { name, all: PoissonRate::new(counts.iter().sum(), hours), by_cause }
 }
 
@@ -209,7 +221,12 @@ mod tests {
             facts: &facts[i],
             hours: 0.25,
         };
-        let all = WithoutTarget::new(&[clip(0), clip(1)], Some(2.0)).unwrap();
+        let figures = |clips: &[QuietClip<'_>], score| {
+            let mut tally = WithoutTargetTally::default();
+            clips.iter().for_each(|clip| tally.add(clip, score));
+            tally.figures(score)
+        };
+        let all = figures(&[clip(0), clip(1)], Some(2.0)).unwrap();
         assert_eq!((all.clips, all.hours), (2, 0.5));
         let counts = |i: usize| {
             let events: &EventRates = &all.events[i];
@@ -230,7 +247,7 @@ mod tests {
         assert!(text.contains("warnings") && text.contains("4.0 (0.5 to 14.4)"), "{text}");
         // Without tracks there are detections alone.
         let one = QuietClip { tracks: None, ..clip(0) };
-        assert_eq!(WithoutTarget::new(&[one], None).unwrap().events.len(), 1);
-        assert!(WithoutTarget::new(&[], None).is_none());
+        assert_eq!(figures(&[one], None).unwrap().events.len(), 1);
+        assert!(figures(&[], None).is_none());
     }
 }

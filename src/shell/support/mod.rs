@@ -12,5 +12,7 @@ pub mod parallel;
 pub mod print;
 pub mod random;
 pub mod repeats;
+pub mod sorter;
+pub mod spool;
 pub mod text;
 pub mod vectors;

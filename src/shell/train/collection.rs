@@ -5,12 +5,12 @@ use super::listing::{self, FolderRole};
 use super::paste::{self, PastedRun, Scenery};
 use super::patch::difference;
 use super::playback::Playback;
-use super::spool::Spool;
 use super::{TrainArgs, TrainError};
 use crate::shell::error::Error;
 use crate::shell::sources::Frame;
 use crate::shell::support::parallel;
 use crate::shell::support::random::Random;
+use crate::shell::support::spool::Spool;
 use std::sync::Arc;
 use std::vec::Vec;
 

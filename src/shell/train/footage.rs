@@ -3,7 +3,6 @@
 use super::TrainArgs;
 use super::listing::FolderRole;
 use super::paste::{Anchor, PastedRun, Runs, Turning};
-use super::spool::Spool;
 use crate::channels::front_end::REACH;
 use crate::channels::window::SLICES;
 use crate::registration::{GlobalMotion, Registration, buffer_len};
@@ -11,6 +10,7 @@ use crate::shell::error::Error;
 use crate::shell::formats::clips::{self, TruthBox};
 use crate::shell::pipeline::scaled::{FrameSize, Scaling};
 use crate::shell::sources::{self, Frame};
+use crate::shell::support::spool::Spool;
 use std::ops::Range;
 use std::string::{String, ToString};
 use std::sync::Arc;
@@ -62,7 +62,7 @@ impl Footage {
     pub fn read_patch(&self, index: usize, into: &mut Vec<u8>) -> Result<(), Error> {
         into.clear();
         match (&self.spool, self.patches.get(index)) {
-            (Some(spool), Some(place)) if !place.is_empty() => spool.read(place.clone(), into),
+            (Some(spool), Some(place)) if !place.is_empty() => Ok(spool.read(place.clone(), into)?),
             _ => Ok(()),
         }
     }

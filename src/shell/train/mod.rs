@@ -26,7 +26,6 @@ mod pool;
 mod rendered;
 mod report;
 mod rows;
-mod spool;
 mod stage;
 mod stages;
 mod visit;

@@ -6,8 +6,8 @@
 use super::TrainError;
 use super::boost::BinnedSamples;
 use super::cubes::TrainingRow;
-use super::spool::Spool;
 use crate::shell::error::Error;
+use crate::shell::support::spool::Spool;
 use std::ops::Range;
 use std::path::Path;
 use std::vec::Vec;

@@ -160,8 +160,8 @@ impl Manifest {
         Ok(Self { folder: folder_of(path), rows, bytes })
     }
 
-    /// The splits without clips, and the number of each row's split.
-    pub fn splits(&self) -> (Splits, Vec<usize>) {
+    /// The folders of the splits, and the number of each row's split.
+    pub fn splits(&self) -> (Vec<PathBuf>, Vec<usize>) {
         let mut folders: Vec<PathBuf> = Vec::new();
         let mut number = |row: &ManifestRow| {
             let folder = PathBuf::from(&row.split);
@@ -171,7 +171,6 @@ impl Manifest {
             })
         };
         let numbers = self.rows.iter().map(&mut number).collect();
-        let (clips, facts, split, broken) = Default::default();
-        (Splits { folders, clips, facts, split, broken }, numbers)
+        (folders, numbers)
     }
 }

@@ -1,17 +1,18 @@
-//! `lookout merge DIR`: the report of a run, from the results of its clips.
+//! `lookout merge DIR`: the report of a run, from the results of its clips. Memory holds one clip at a time.
 
 use super::FleetError;
 use super::manifest::Manifest;
-use super::outcome;
+use super::outcome::{self, ClipOutcome};
+use super::row::ManifestRow;
 use super::settings::{self, RunFile};
 use crate::shell::error::Error;
-use crate::shell::evaluate::clip_run::ClipResult;
 use crate::shell::evaluate::settle;
-use crate::shell::evaluate::splits::{Splits, UnusableClip};
-use crate::shell::evaluate::summary::{EvaluationSummary, SummaryInputs};
+use crate::shell::evaluate::splits::{self, UnusableClip};
+use crate::shell::evaluate::totals::{SummaryInputs, Totals};
 use crate::shell::pipeline::ModelFile;
 use crate::shell::support::interrupt::Ended;
 use std::collections::BTreeMap;
+use std::eprintln;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::string::String;
@@ -41,52 +42,44 @@ pub fn run(args: &MergeArgs) -> Result<Ended, Error> {
     let file = ModelFile::load(Some(&common.model_path(&args.run)))?;
     let model = file.parse()?;
     let files = results(&args.run, &common)?;
-    let (mut splits, numbers) = manifest.splits();
-    let mut tried = Vec::new();
-    let mut missing = Vec::new();
-    for (row, number) in manifest.rows.iter().zip(numbers) {
-        let Some(path) = files.get(&row.clip) else {
-            missing.push(row.clip.clone());
-            continue;
-        };
-        tried.push(take(path, number, &mut splits)?);
-    }
+    let (folders, numbers) = manifest.splits();
+    let has_result = |row: &&ManifestRow| files.contains_key(&row.clip);
+    let missing: Vec<String> =
+        manifest.rows.iter().filter(|row| !has_result(row)).map(|row| row.clip.clone()).collect();
     if !missing.is_empty() && !args.partial {
         return Err(Error::verb(FleetError::Missing { missing, all: manifest.rows.len() }));
     }
-    let results = settle::settle(tried, &mut splits, None);
-    let reason = String::from("no result yet");
-    splits
-        .broken
-        .extend(missing.into_iter().map(|clip| UnusableClip { clip, reason: reason.clone() }));
-    if !results.is_empty() {
-        let parts = SummaryInputs {
-            method: None,
-            splits: &splits,
-            results: &results,
-            model: Some(&model),
-            least: common.least,
-            tracks: common.tracks,
-            assumed_fov: common.assumed_fov,
-        };
-        EvaluationSummary::new(parts).print(parts, args.json)?;
+    let mut totals = Totals::new(SummaryInputs {
+        method: None,
+        folders: &folders,
+        model: Some(&model),
+        least: common.least,
+        tracks: common.tracks,
+        assumed_fov: common.assumed_fov,
+    });
+    // One clip is in memory at a time.
+    let (mut broken, mut notes, mut measured) = (Vec::new(), Vec::new(), 0);
+    for (row, number) in manifest.rows.iter().zip(numbers) {
+        let Some(path) = files.get(&row.clip) else { continue };
+        let ClipOutcome { mut clip, mut facts, result } = outcome::read(path)?;
+        match result {
+            Ok(result) => {
+                settle::measured(&mut clip, &mut facts, &result);
+                totals.add(&clip, &facts, number, &result)?;
+                notes.extend(splits::label_notes(&clip));
+                measured += 1;
+            }
+            Err(reason) => broken.push(UnusableClip { clip: clip.name, reason }),
+        }
     }
-    splits.note_labels();
-    splits.complain()?;
+    let reason = String::from("no result yet");
+    broken.extend(missing.into_iter().map(|clip| UnusableClip { clip, reason: reason.clone() }));
+    if measured > 0 {
+        totals.finish(&broken)?.print(args.json)?;
+    }
+    notes.iter().for_each(|note| eprintln!("{note}"));
+    splits::complain(&broken, measured)?;
     Ok(Ended::Complete)
-}
-
-/// Puts a clip into the splits; gives its result.
-fn take(
-    path: &Path,
-    number: usize,
-    splits: &mut Splits,
-) -> Result<Result<ClipResult, String>, Error> {
-    let outcome = outcome::read(path)?;
-    splits.clips.push(outcome.clip);
-    splits.facts.push(outcome.facts);
-    splits.split.push(number);
-    Ok(outcome.result)
 }
 
 /// The results of a run's present model and arguments, by clip.

@@ -1,7 +1,6 @@
-//! A temporary file for data that are written once and read once a stage, so that memory does not grow with the clips.
+//! A temporary file for data that are written once and read once or several times, so that memory does not grow with the clips.
 
-use crate::shell::error::Error;
-use crate::shell::support::file_error::FileError;
+use super::file_error::FileError;
 use std::format;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -28,15 +27,15 @@ impl Spool {
     /// Creates an empty file in the folder of `beside`, which need not exist itself.
     ///
     /// # Errors
-    /// [`Error::Write`].
-    pub fn create(beside: &Path) -> Result<Self, Error> {
+    /// [`FileError::Write`].
+    pub fn create(beside: &Path) -> Result<Self, FileError> {
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let name = beside.file_name().unwrap_or_default().to_string_lossy();
         let name = format!(".{name}.{}.{number}.spool", std::process::id());
         let path = beside.with_file_name(name);
         let file = OpenOptions::new().read(true).write(true).create_new(true).open(&path);
-        let file = file.map_err(Error::write(&path))?;
+        let file = file.map_err(FileError::write(&path))?;
         // Where an open file cannot lose its name, it is removed when the spool is dropped.
         let _ = fs::remove_file(&path);
         Ok(Self { path, file: Mutex::new(Contents { file, length: 0 }) })
@@ -45,8 +44,8 @@ impl Spool {
     /// Appends `bytes`; their place, for [`Spool::read`].
     ///
     /// # Errors
-    /// [`Error::Write`].
-    pub fn append(&self, bytes: &[u8]) -> Result<Range<u64>, Error> {
+    /// [`FileError::Write`].
+    pub fn append(&self, bytes: &[u8]) -> Result<Range<u64>, FileError> {
         let mut contents = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         let start = contents.length;
         contents.write(start, bytes).map_err(|source| self.failed(source))?;
@@ -57,15 +56,15 @@ impl Spool {
     /// Replaces the contents of `into` by the bytes at `place`.
     ///
     /// # Errors
-    /// [`Error::Write`]: the file is the program's own.
-    pub fn read(&self, place: Range<u64>, into: &mut Vec<u8>) -> Result<(), Error> {
+    /// [`FileError::Write`]: the file is the program's own.
+    pub fn read(&self, place: Range<u64>, into: &mut Vec<u8>) -> Result<(), FileError> {
         let mut contents = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         into.resize((place.end - place.start) as usize, 0);
         contents.read(place.start, into).map_err(|source| self.failed(source))
     }
 
-    fn failed(&self, source: io::Error) -> Error {
-        FileError::Write { path: self.path.clone(), source }.into()
+    fn failed(&self, source: io::Error) -> FileError {
+        FileError::Write { path: self.path.clone(), source }
     }
 }
 
@@ -102,7 +101,7 @@ mod tests {
         assert_eq!(read, b"three");
         spool.read(1..4, &mut read).unwrap();
         assert_eq!(read, b"net");
-        assert!(matches!(spool.read(5..9, &mut read), Err(Error::File(FileError::Write { .. }))));
+        assert!(matches!(spool.read(5..9, &mut read), Err(FileError::Write { .. })));
         drop(spool);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
         assert!(Spool::create(&folder.path().join("missing/a.lkm")).is_err());
