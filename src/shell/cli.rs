@@ -43,4 +43,8 @@ pub enum Verb {
     Params(params::ParamsArgs),
     /// Train a model on folders of clips with ground truth
     Train(train::TrainArgs),
+    /// Look for windows to train on in a part of the clips: training on many machines, together with fit
+    Mine(train::MineArgs),
+    /// Train on the windows that mine found; the model is that of train
+    Fit(train::FitArgs),
 }

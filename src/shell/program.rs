@@ -114,5 +114,7 @@ fn dispatch(verb: &Verb) -> Result<Ended, Error> {
         Verb::Mask(args) => mask::run(args),
         Verb::Params(args) => params::run(args),
         Verb::Train(args) => train::run(args),
+        Verb::Mine(args) => train::run_mine(args),
+        Verb::Fit(args) => train::run_fit(args),
     }
 }

@@ -12,6 +12,7 @@ use crate::shell::pipeline::methods::{MethodName, Recipe, Sees};
 use crate::shell::pipeline::scaled::FrameSize;
 use crate::stcube::compensation::Alignment;
 use std::borrow::ToOwned;
+use std::format;
 use std::path::PathBuf;
 use std::string::String;
 use std::vec::Vec;
@@ -108,6 +109,11 @@ pub struct TrainArgs {
     /// Depth of the scan's trees
     #[arg(long, default_value_t = 3)]
     pub scan_depth: u8,
+    /// Take the scan's trees from this model of LightGBM (text form; objective=binary, max_depth=8), trained on the windows of
+    /// `lookout mine --csv`; its rejection thresholds come from the clips
+    #[arg(long, value_name = "MODEL.txt", value_parser = scan_text, conflicts_with_all = ["from", "calibrate"])]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scan_from: Option<ScanText>,
     /// Shrinkage of the scan's trees: with larger steps fewer trees reject a window, for small boards
     #[arg(long, default_value_t = 0.1)]
     pub scan_shrinkage: f64,
@@ -221,6 +227,24 @@ impl TrainArgs {
         stages.extend(recipe.fit.then_some(TrainingStage::Fits));
         stages
     }
+}
+
+/// A model of LightGBM; its checksum is part of the settings of a training.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct ScanText {
+    /// Path of the file.
+    pub path: PathBuf,
+    /// CRC-32 of the text.
+    checksum: u32,
+    /// Contents of the file.
+    #[serde(skip)]
+    pub text: String,
+}
+
+fn scan_text(path: &str) -> Result<ScanText, String> {
+    let text = std::fs::read_to_string(path).map_err(|error| format!("cannot read: {error}"))?;
+    let checksum = crate::model::checksum(text.as_bytes());
+    Ok(ScanText { path: path.into(), checksum, text })
 }
 
 /// A margin of rejection thresholds.

@@ -1,12 +1,14 @@
 //! Why a training cannot start or go on.
 
 use super::boost::{BoostError, SamplesError};
+use super::lightgbm::LightGbmError;
 use crate::model::ModelError;
 use crate::shell::error::Error;
 use crate::shell::pipeline::methods::MethodName;
 use crate::shell::render::RenderError;
 use std::path::PathBuf;
 use std::string::String;
+use std::vec::Vec;
 
 /// Why a training cannot start or go on.
 #[derive(Debug, thiserror::Error)]
@@ -89,6 +91,40 @@ pub enum TrainError {
         /// Path of the model file.
         path: PathBuf,
     },
+    /// Shards of a pass that were not mined.
+    #[error(
+        "pass {pass}: {}", if *other { "there are windows of another number of shards too; remove those".into() } else { std::format!("shard {} of {count} was not mined yet; run lookout mine --shard I/{count} for it", missing.join(", ")) }
+    )]
+    MissingShards {
+        /// Number of the pass, from 0.
+        pass: usize,
+        /// Numbers of the shards that are missing.
+        missing: Vec<String>,
+        /// Number of shards.
+        count: usize,
+        /// Whether there are files of another number of shards.
+        other: bool,
+    },
+    /// Windows of a shard that do not fit.
+    #[error("{}: {reason}; remove it and mine the shard again", path.display())]
+    Mined {
+        /// Path of the file.
+        path: PathBuf,
+        /// Fault, in words.
+        reason: String,
+    },
+    /// Arguments of trainings that mine nothing.
+    #[error("--from and --calibrate: nothing is mined for a scan that is there; run lookout train")]
+    NotMined,
+    /// Rendered flights that are not there yet.
+    #[error("{}: not all flights are rendered yet; run lookout fit with the same arguments first, which renders them", path.display())]
+    NotRendered {
+        /// Folder of the flights.
+        path: PathBuf,
+    },
+    /// A model of LightGBM that cannot be the scan.
+    #[error("--scan-from: {0}")]
+    LightGbm(#[from] LightGbmError),
     /// Trees cannot be grown.
     #[error(transparent)]
     Boost(#[from] BoostError),

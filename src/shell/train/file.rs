@@ -1,6 +1,7 @@
 //! The files of a training: the model, section by section, and those in its folder until it is finished.
 
 use super::boost::TrainedForest;
+use super::parts::PartFiles;
 use super::window_files::WindowFiles;
 use crate::model::calibration::Knot;
 use crate::model::{self, GEOMETRY, HEADER, MAGIC, Method, Model, Section, VERSION};
@@ -35,12 +36,18 @@ impl TrainingFiles {
         WindowFiles::new(&self.out, settings)
     }
 
+    /// Those of windows that were mined in shards.
+    pub fn parts(&self, settings: &str) -> PartFiles {
+        PartFiles::new(&self.out, settings)
+    }
+
     /// Removes the partial model and the scan's windows; the log stays.
     ///
     /// # Errors
     /// [`Error::Write`].
     pub fn remove(&self) -> Result<(), Error> {
         WindowFiles::remove(&self.out);
+        PartFiles::remove(&self.out);
         let path = &self.partial;
         fs::remove_file(path).map_err(Error::write(path))
     }

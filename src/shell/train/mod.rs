@@ -17,8 +17,11 @@ mod fits;
 mod footage;
 mod growth;
 mod labels;
+mod lightgbm;
 mod listing;
 mod look;
+mod mine;
+mod parts;
 mod paste;
 mod patch;
 mod playback;
@@ -26,6 +29,7 @@ mod pool;
 mod rendered;
 mod report;
 mod rows;
+mod scan;
 mod stage;
 mod stages;
 mod visit;
@@ -34,6 +38,7 @@ mod windows;
 
 pub use args::{CubeLoss, Following, TrainArgs};
 pub use error::TrainError;
+pub use mine::{FitArgs, MineArgs, run_fit, run_mine};
 
 use super::error::Error;
 use super::pipeline::methods::{MethodName, Recipe};
@@ -59,6 +64,20 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
     if let Some(model) = &args.calibrate {
         return recalibrate(args, model);
     }
+    train(args, Mining::Here)
+}
+
+/// Where the windows of the scan are looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mining {
+    /// In this process.
+    Here,
+    /// By `lookout mine`, in shards.
+    Elsewhere,
+}
+
+/// Trains a model, or goes on up to the windows that are still to be mined elsewhere.
+fn train(args: &TrainArgs, mining: Mining) -> Result<Ended, Error> {
     if args.data.is_empty() && args.rendered.render == 0 {
         return Err(TrainError::OnlyEmpty { adapts: args.from.is_some() }.into());
     }
@@ -74,7 +93,9 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
     }
     let files = TrainingFiles::beside(&args.out);
     let resumed = finished(&files.partial, &settings);
-    let mut report = TrainingReport::create(&files.log, resumed.is_some())?;
+    let elsewhere = mining == Mining::Elsewhere;
+    let goes_on = resumed.is_some() || elsewhere && files.log.is_file();
+    let mut report = TrainingReport::create(&files.log, goes_on)?;
     if let Some(remark) = remark {
         report.note(remark)?;
     }
@@ -92,7 +113,25 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
     if interrupt::requested() {
         return Ok(Ended::Interrupted);
     }
-    let trainer = Trainer::load(&args, recipe, &report)?;
+    if elsewhere && !done(&parts, TrainingStage::Scan) {
+        report.stage(&stages, 0)?;
+        // No clip is looked through before their windows are all there.
+        let trainer = Trainer::without_clips(&args, recipe);
+        let (windows, shards) = (files.windows(&settings), files.parts(&settings));
+        if let Some(pass) = trainer.scan(&mut parts, &mut report, &windows, Some(&shards))? {
+            let passes = Trainer::passes(&args, &recipe);
+            report.note(&format!(
+                "pass {pass} of {passes} is to be mined: lookout mine --shard I/N for each shard, then lookout fit again"
+            ))?;
+            return Ok(Ended::Complete);
+        }
+        if interrupt::requested() {
+            return Ok(Ended::Interrupted);
+        }
+        parts.set_provenance(&settings);
+        write(&files.partial, &parts.encode())?;
+    }
+    let trainer = Trainer::load(&args, recipe, &report, None)?;
     for (number, &stage) in stages.iter().enumerate() {
         if done(&parts, stage) {
             report.note(&format!("{}: done before", stage.title()))?;
@@ -101,7 +140,7 @@ pub fn run(args: &TrainArgs) -> Result<Ended, Error> {
         report.stage(&stages, number)?;
         match stage {
             TrainingStage::Scan => {
-                trainer.scan(&mut parts, &mut report, &files.windows(&settings))?
+                trainer.scan(&mut parts, &mut report, &files.windows(&settings), None)?;
             }
             TrainingStage::Compensation => trainer.regressors(&mut parts, &mut report)?,
             TrainingStage::Cubes | TrainingStage::Boxes => {

@@ -55,7 +55,8 @@ impl TrainingSummary {
 #[derive(Debug)]
 pub struct TrainingReport {
     path: PathBuf,
-    log: File,
+    /// None where progress alone is shown.
+    log: Option<File>,
     started: Instant,
     /// When the first stage of this run began, and the shares of the stages since.
     worked: Option<(Instant, u64)>,
@@ -77,12 +78,18 @@ impl TrainingReport {
             .truncate(!go_on)
             .open(path)
             .map_err(Error::write(path))?;
-        Ok(Self { path: path.into(), log, started: Instant::now(), worked: None })
+        Ok(Self { path: path.into(), log: Some(log), started: Instant::now(), worked: None })
+    }
+
+    /// Progress on the terminal alone: several machines work at the same model.
+    pub fn without_log() -> Self {
+        Self { path: PathBuf::new(), log: None, started: Instant::now(), worked: None }
     }
 
     fn line(&mut self, mut value: serde_json::Value) -> Result<(), Error> {
         value["seconds"] = json!(self.started.elapsed().as_secs());
-        writeln!(self.log, "{value}").map_err(Error::write(&self.path))
+        let Some(log) = &mut self.log else { return Ok(()) };
+        writeln!(log, "{value}").map_err(Error::write(&self.path))
     }
 
     /// A progress bar of a stage of `length` steps; 0 where the number is not known.

@@ -1,51 +1,33 @@
 //! Stages of training, each on the model of the stages before it.
 
-use super::boost::{Bagging, BinnedSamples, Data, Loss, Options, TrainedForest, reject_thresholds};
+use super::boost::{BinnedSamples, Data, Loss, Options, TrainedForest, reject_thresholds};
 use super::collection;
 use super::cubes::{self, TrainingRow};
 use super::file::ModelSections;
 use super::fits;
 use super::footage::Footage;
-use super::growth::{bag, boost};
+use super::growth::boost;
 use super::listing::FolderRole;
 use super::pool;
 use super::report::{TrainingReport, TrainingSummary};
 use super::rows::RowFile;
 use super::visit::{Depth, SampledView, Selection, visit};
-use super::window_files::WindowFiles;
-use super::windows::{self, Maps, Window, WindowTable, balanced};
+use super::windows::balanced;
 use super::{CubeLoss, TrainArgs, TrainError};
 use crate::channels::scale_space::Pyramid;
 use crate::detector::Config;
 use crate::model::{Model, Section};
 use crate::shell::error::Error;
+use crate::shell::evaluate::fleet::shard::Shard;
 use crate::shell::formats::class::Class;
-use crate::shell::pipeline::methods::{Learner, Recipe};
+use crate::shell::pipeline::methods::Recipe;
 use crate::shell::support::interrupt;
 use crate::shell::support::random::Random;
-use crate::trees::MAX_DEPTH;
 use std::format;
 use std::vec::Vec;
 
 /// Bins of a feature less one.
-const EDGES: usize = 63;
-
-/// Random windows drawn from each frame before the first round.
-const RANDOM_WINDOWS: usize = 12;
-
-/// Hard negatives taken from each frame in a round of mining.
-const HARD_WINDOWS: usize = 16;
-
-/// Parameters of a random forest over windows.
-const BAGGING: Bagging = Bagging {
-    trees: 0,
-    depth: MAX_DEPTH,
-    min_rows: 5,
-    tree_features: 0.3,
-    node_features: 0.25,
-    leaf_scale: 256.0,
-    seed: 0,
-};
+pub(super) const EDGES: usize = 63;
 
 /// Weight of a window of a clip with pasted objects in the regressors of x, y, width and height of a box. At weight 1
 /// they pull large targets before the sky in: on clips held back (every fourth), of windows on targets, boxes
@@ -67,19 +49,20 @@ const PATCH_FEATURES: usize = 900;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pass<'a> {
     /// Its name on the terminal.
-    name: &'a str,
-    depth: Depth,
+    pub(super) name: &'a str,
+    /// Slices that are computed.
+    pub(super) depth: Depth,
     /// Every `part.1`th sampled frame, beginning with the `part.0`th.
-    part: (usize, usize),
+    pub(super) part: (usize, usize),
     /// Windows that the scan hands on.
-    candidates: usize,
+    pub(super) candidates: usize,
     /// Whether clips with pasted objects are shown too.
-    pasted: bool,
+    pub(super) pasted: bool,
 }
 
 impl<'a> Pass<'a> {
     /// All frames, of each the newest slice, one candidate.
-    const fn new(name: &'a str) -> Self {
+    pub(super) const fn new(name: &'a str) -> Self {
         Self { name, depth: Depth::Newest, part: (0, 1), candidates: 1, pasted: true }
     }
 
@@ -93,20 +76,26 @@ impl<'a> Pass<'a> {
 pub struct Trainer<'a> {
     pub(super) args: &'a TrainArgs,
     pub(super) recipe: Recipe,
-    footage: Vec<Footage>,
+    pub(super) footage: Vec<Footage>,
 }
 
 impl<'a> Trainer<'a> {
-    /// Looks through the clips.
+    /// Looks through the clips; those of `shard` alone where there is one.
     pub fn load(
         args: &'a TrainArgs,
         recipe: Recipe,
         report: &TrainingReport,
+        shard: Option<Shard>,
     ) -> Result<Self, Error> {
         let bar = report.bar("reading clips", 0);
-        let footage = collection::load(args, || bar.inc(1))?;
+        let footage = collection::load(args, shard, || bar.inc(1))?;
         bar.finish_and_clear();
         Ok(Self { args, recipe, footage })
+    }
+
+    /// For stages that see no clip.
+    pub const fn without_clips(args: &'a TrainArgs, recipe: Recipe) -> Self {
+        Self { args, recipe, footage: Vec::new() }
     }
 
     /// Number of clips and frames learned from, by kind.
@@ -142,18 +131,8 @@ impl<'a> Trainer<'a> {
         random
     }
 
-    /// Shows frames to `work`; its results in the order of clips and frames.
-    fn each<T: Send>(
-        &self,
-        report: &TrainingReport,
-        pass: Pass<'_>,
-        work: impl Fn(&SampledView<'_>, &Pyramid<'_>) -> Vec<T> + Sync,
-    ) -> Result<Vec<T>, Error> {
-        Ok(self.pack(report, pass, work, Ok)?.into_iter().flatten().collect())
-    }
-
-    /// As [`Trainer::each`], for rows of `features` values: the rows without their values, and the binned values, with
-    /// `fixed` edges of the first features among the others.
+    /// Shows frames to `work`, which gives rows of `features` values: the rows in the order of clips and frames, without
+    /// their values, and the binned values, with `fixed` edges of the first features among the others.
     pub(super) fn rows(
         &self,
         report: &TrainingReport,
@@ -167,8 +146,8 @@ impl<'a> Trainer<'a> {
         file.unpack(packed, EDGES, fixed)
     }
 
-    /// As [`Trainer::each`], but passes the results of each clip to `pack`.
-    fn pack<T: Send, P: Send>(
+    /// Shows frames to `work` and passes its results of each clip to `pack`; in the order of clips.
+    pub(super) fn pack<T: Send, P: Send>(
         &self,
         report: &TrainingReport,
         pass: Pass<'_>,
@@ -188,129 +167,6 @@ impl<'a> Trainer<'a> {
         let results = visit(&footage, config, &selection, || bar.inc(1), work, pack);
         bar.finish_and_clear();
         results
-    }
-
-    /// The soft cascade over windows, with rounds of hard negatives from whole frames. Windows are kept in `files`: a
-    /// training that was ended goes on with the round after the last one whose windows are there.
-    pub fn scan(
-        &self,
-        parts: &mut ModelSections,
-        report: &mut TrainingReport,
-        files: &WindowFiles,
-    ) -> Result<(), Error> {
-        let mut windows: Vec<Window> = match files.load(0) {
-            Some(windows) => windows,
-            None => self.each(report, Pass::new("windows"), |view, pyramid| {
-                let mut random = self.random(1, view.number);
-                let maps = Maps::of(pyramid);
-                let mut windows = windows::positives(view, pyramid, &maps);
-                let count = RANDOM_WINDOWS;
-                windows.extend(windows::random_negatives(view, pyramid, &maps, count, &mut random));
-                windows
-            })?,
-        };
-        if interrupt::requested() {
-            return Ok(());
-        }
-        if !windows.iter().any(|w| w.target.is_some() && !w.held_back) {
-            let learned = || self.footage.iter().filter(|f| !f.held_back && !f.pasted);
-            let frames = learned().map(|f| f.samples.len()).sum();
-            return Err(TrainError::NoTargets { clips: learned().count(), frames }.into());
-        }
-        files.save(0, &windows)?;
-        // Where no cubes follow, their trees and their negatives are the windows'.
-        let alone = !self.recipe.method.stcube;
-        let rounds = self.args.mining + usize::from(alone);
-        let mut first = 0;
-        while let Some(saved) = (first < rounds).then(|| files.load(first + 1)).flatten() {
-            windows.extend(saved);
-            first += 1;
-        }
-        for round in first..=rounds {
-            let last = round == rounds;
-            let size = match (last, alone) {
-                (true, true) => (self.args.cube_trees, self.args.cube_depth),
-                (true, false) => (self.args.scan_trees, self.args.scan_depth),
-                _ => (self.args.scan_trees >> (2 - round.min(2)), self.args.scan_depth),
-            };
-            let channels = self.recipe.map_channels;
-            let table = WindowTable::new(&windows, EDGES, channels).map_err(TrainError::Samples)?;
-            let positives = windows.iter().filter(|w| w.target.is_some()).count();
-            report.note(&format!(
-                "round {} of {}: {positives} windows with a target, {} without",
-                round + 1,
-                rounds + 1,
-                windows.len() - positives
-            ))?;
-            let name = format!("scan {round}/{rounds}");
-            let mut forest = self.window_trees(report, &name, round, size, &table)?;
-            // Thresholds from the targets held back, where there are any: those learned from score too well.
-            let any = |held_back: bool| {
-                windows.iter().any(|w| w.target.is_some() && w.held_back == held_back)
-            };
-            let held_back = any(true);
-            let rows: Vec<usize> = (0..windows.len())
-                .filter(|&r| windows[r].target.is_some() && windows[r].held_back == held_back)
-                .collect();
-            let running =
-                forest.running_scores(&table.samples, &rows).map_err(TrainError::Boost)?;
-            let bags: Vec<u32> =
-                rows.iter().map(|&r| windows[r].target.unwrap_or_default()).collect();
-            let keep = if last && !alone { self.args.scan_keep } else { 0.99 };
-            forest.set_reject_thresholds(&reject_thresholds(&running, &bags, keep));
-            parts.set_forest(Section::Scan, &forest);
-            if last || interrupt::requested() {
-                break;
-            }
-            drop(table);
-            let bytes = parts.encode();
-            let model = Model::parse(&bytes).map_err(TrainError::Model)?;
-            let (part, count) = match round == self.args.mining {
-                true => ((0, 1), self.args.candidates),
-                false => ((round, 2), HARD_WINDOWS),
-            };
-            let config = self.config(count)(0, 0);
-            let pass = Pass { part, candidates: count, ..Pass::new("hard negatives") };
-            let hard = self.each(report, pass, |view, pyramid| {
-                windows::hard_negatives(view, pyramid, &model, &config)
-            })?;
-            if interrupt::requested() {
-                break;
-            }
-            files.save(round + 1, &hard)?;
-            windows.extend(hard);
-        }
-        Ok(())
-    }
-
-    /// A forest over windows of `trees` trees of depth `depth`.
-    fn window_trees(
-        &self,
-        report: &mut TrainingReport,
-        name: &str,
-        round: usize,
-        (trees, depth): (usize, u8),
-        table: &WindowTable,
-    ) -> Result<TrainedForest, Error> {
-        let seed = self.args.seed + round as u64;
-        if self.recipe.windows == Learner::Bagging {
-            // More trees only steady what these already say.
-            let trees = trees.min(self.args.scan_trees);
-            return bag(report, name, &Bagging { trees, seed, ..BAGGING }, table.training());
-        }
-        let options = Options {
-            rounds: trees,
-            depth,
-            shrinkage: self.args.scan_shrinkage,
-            min_hessian: 8.0,
-            lambda: 4.0,
-            feature_fraction: 0.1,
-            row_fraction: 0.5,
-            patience: 50,
-            seed,
-            ..Options::new(Loss::Logistic)
-        };
-        boost(report, name, options, table.training(), table.validation())
     }
 
     /// Trains φ_h and φ_v.

@@ -45,12 +45,7 @@ impl WindowFiles {
         let mut file = BufWriter::new(File::create(path)?);
         file.write_all(&(self.settings.len() as u64).to_le_bytes())?;
         file.write_all(self.settings.as_bytes())?;
-        file.write_all(&(windows.len() as u64).to_le_bytes())?;
-        for window in windows {
-            file.write_all(&window.target.unwrap_or(NO_TARGET).to_le_bytes())?;
-            file.write_all(&[window.held_back.into()])?;
-            file.write_all(&window.values)?;
-        }
+        write_windows(&mut file, windows)?;
         file.into_inner()?.sync_all()
     }
 
@@ -70,23 +65,7 @@ impl WindowFiles {
         if settings != self.settings.as_bytes() {
             return None;
         }
-        let mut bytes = [0; 8];
-        file.read_exact(&mut bytes).ok()?;
-        let count = u64::from_le_bytes(bytes);
-        let mut windows = Vec::new();
-        for _ in 0..count {
-            let (mut head, mut values) = ([0; 5], [0; FEATURES]);
-            file.read_exact(&mut head).ok()?;
-            file.read_exact(&mut values).ok()?;
-            let [a, b, c, d, held_back] = head;
-            let target = u32::from_le_bytes([a, b, c, d]);
-            windows.push(Window {
-                values,
-                target: (target != NO_TARGET).then_some(target),
-                held_back: held_back != 0,
-            });
-        }
-        Some(windows)
+        read_windows(&mut file).ok()
     }
 
     /// Removes the files of all passes beside the model file `out`.
@@ -98,6 +77,44 @@ impl WindowFiles {
             }
         }
     }
+}
+
+/// Writes the number of windows, then each: its target, whether it is held back, its values.
+///
+/// # Errors
+/// The system's.
+pub fn write_windows(file: &mut impl Write, windows: &[Window]) -> io::Result<()> {
+    file.write_all(&(windows.len() as u64).to_le_bytes())?;
+    for window in windows {
+        file.write_all(&window.target.unwrap_or(NO_TARGET).to_le_bytes())?;
+        file.write_all(&[window.held_back.into()])?;
+        file.write_all(&window.values)?;
+    }
+    Ok(())
+}
+
+/// Reads what [`write_windows`] wrote.
+///
+/// # Errors
+/// The system's; of a file that is cut short too.
+pub fn read_windows(file: &mut impl Read) -> io::Result<Vec<Window>> {
+    let mut bytes = [0; 8];
+    file.read_exact(&mut bytes)?;
+    let count = u64::from_le_bytes(bytes);
+    let mut windows = Vec::new();
+    for _ in 0..count {
+        let (mut head, mut values) = ([0; 5], [0; FEATURES]);
+        file.read_exact(&mut head)?;
+        file.read_exact(&mut values)?;
+        let [a, b, c, d, held_back] = head;
+        let target = u32::from_le_bytes([a, b, c, d]);
+        windows.push(Window {
+            values,
+            target: (target != NO_TARGET).then_some(target),
+            held_back: held_back != 0,
+        });
+    }
+    Ok(windows)
 }
 
 #[cfg(test)]

@@ -49,6 +49,31 @@ impl From<Forest<'_>> for TrainedForest {
 }
 
 impl TrainedForest {
+    /// A forest of complete trees of this depth, each its nodes in heap order and its leaves; bias 0, nothing is rejected.
+    /// `None` for more trees than a forest holds.
+    pub fn of_trees(depth: u8, features: u16, trees: Vec<(Vec<Node>, Vec<i16>)>) -> Option<Self> {
+        if trees.len() > super::MAX_TREES {
+            return None;
+        }
+        let tree = |(nodes, leaves)| TrainedTree { nodes, leaves, reject_threshold: NEVER_REJECT };
+        Some(Self { depth, features, bias: 0, trees: trees.into_iter().map(tree).collect() })
+    }
+
+    /// The score after each tree of a row; `above` is whether a feature's value is above a threshold.
+    pub fn running_score(&self, above: impl Fn(u16, u16) -> bool) -> Vec<i32> {
+        let mut score = self.bias;
+        let after = |tree: &TrainedTree| {
+            let mut place = 1;
+            while let Some(node) = tree.nodes.get(place - 1) {
+                place = 2 * place + usize::from(above(node.feature, node.threshold));
+            }
+            let leaf = tree.leaves.get(place - 1 - tree.nodes.len()).copied();
+            score += i32::from(leaf.unwrap_or_default());
+            score
+        };
+        self.trees.iter().map(after).collect()
+    }
+
     /// The trees in the order in which they were boosted.
     pub fn trees(&self) -> &[TrainedTree] {
         &self.trees
