@@ -305,8 +305,9 @@ mod tests {
 
     #[test]
     fn wing_beats_cost_log_odds() {
-        // Width and height of a box after a number of frames.
-        let cases: [(&str, fn(f64) -> (f64, f64), bool); 4] = [
+        /// Width and height of a box after a number of frames.
+        type Sides = fn(f64) -> (f64, f64);
+        let cases: [(&str, Sides, bool); 4] = [
             ("rigid", |_| (30.0, 12.0), false),
             ("turns in two seconds", |t| (30.0 + 10.0 * (t / 10.0).sin(), 12.0), false),
             ("comes near", |t| (30.0 * 1.03_f64.powf(t), 12.0 * 1.03_f64.powf(t)), false),
