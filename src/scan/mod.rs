@@ -3,8 +3,8 @@
 //! Maps are computed in strips of a few rows and scanned at once: a whole map would be the largest thing in memory.
 //!
 //! Tried, and not kept: where every second window is looked at, the windows beside those kept as well. With the small model of
-//! 2026-11-30 AveP at IoU 0.5 / 0.3 is 0.255 / 0.469 on airborne/dev instead of 0.261 / 0.462, 0.756 / 0.897 on real/dev instead
-//! of 0.763 / 0.904. A model that is trained with them was not tried.
+//! 2026-11-30 AveP at IoU 0.5 / 0.3 is 0.255 / 0.469 on airborne/dev instead of 0.260 / 0.473, 0.756 / 0.897 on real/dev instead
+//! of 0.752 / 0.895. A model that is trained with them was not tried.
 
 pub mod aggregate;
 pub mod cascade;
